@@ -149,14 +149,17 @@ def test_rows_that_stand_alone_at_one_place_of_a_column_are_no_accidents(tmp_pat
     assert (left_out.verdict, left_out.analysis.odd.sum() > 2) == ("adequate", True)
 
 
-def test_one_row_of_a_run_says_where_it_stands() -> None:
-    load, every = np.linspace(0.0, 1.0, 120), np.ones(120, dtype=bool)
+def test_rows_that_lie_together_are_no_accidents() -> None:
+    load, every, up = np.linspace(0.0, 1.0, 120), np.ones(120, dtype=bool), np.ones(120)
     run = np.arange(120) % RUNS
     odd = (load > 0.5) & (load < 0.55)
-    assert gathered(odd, run, {"load": load}, every)
-    assert not gathered(odd, np.zeros(120, dtype=int), {"load": load}, every)  # one glitch that lasts
-    assert not gathered(odd, run, {"load": np.random.default_rng(1).permutation(load)}, every)
-    assert not gathered(odd, run, {}, every)
+    assert gathered(odd, up, run, {"load": load}, every)
+    assert not gathered(odd, up, np.zeros(120, dtype=int), {"load": load}, every)  # one glitch that lasts
+    assert not gathered(odd, up, run, {"load": np.random.default_rng(1).permutation(load)}, every)
+    assert not gathered(odd, up, run, {}, every)
+    three = (load > 0.5) & (load < 0.525)
+    assert gathered(three, up, run, {"load": load}, every)
+    assert not gathered(three, np.where(run % 2, 1.0, -1.0), run, {"load": load}, every)  # on either side of the model
 
 
 def test_a_mishap_is_kept_with_the_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -38,7 +38,7 @@ from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
 from terrapin_tools.workbench.noise.mishaps import Mishap, mishaps
-from terrapin_tools.workbench.noise.odd import ODD_SHARE, gathered, odd_limit
+from terrapin_tools.workbench.noise.odd import ODD_SHARE, farthest, gathered, odd_limit
 from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 
@@ -276,7 +276,8 @@ def _analysed(
         if not noise.odd.any() or odd.sum() + noise.odd.sum() > odd_limit(len(odd)):
             break
         odd[np.flatnonzero(case.train | case.test)[noise.odd]] = True
-        if gathered(odd, case.run, columns, looked_at):
+        apart = farthest(free_slopes(fits[-1], noise.sigma, looked_at)[1], looked_at)
+        if gathered(odd, apart, case.run, columns, looked_at):
             odd, case = np.zeros_like(odd), whole
             fits, noise, nuisance = fitted
             break

@@ -25,7 +25,7 @@ from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.kinds import Node
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
-from terrapin_tools.workbench.noise.odd import gathered, odd_limit, standing_alone
+from terrapin_tools.workbench.noise.odd import farthest, gathered, odd_limit, standing_alone
 
 __all__ = [
     "Doubts",
@@ -119,7 +119,7 @@ def stand_alone(analysis: Analysis, fit: Fit) -> Mask:
     found = np.zeros(case.rows, dtype=bool)
     found[np.flatnonzero(rows)[odd]] = True
     few = (found | analysis.odd).sum() <= odd_limit(case.rows)
-    accidents = few and not gathered(found, case.run, numeric_columns(case), rows)
+    accidents = few and not gathered(found, farthest(residual, rows), case.run, numeric_columns(case), rows)
     return found if accidents else np.zeros_like(found)
 
 

@@ -15,7 +15,7 @@ from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.precision import Precision
 from terrapin_tools.workbench.noise.restricted import restricted_likelihood
 
-__all__ = ["ODD_SHARE", "gathered", "odd_limit", "odd_rows", "standing_alone"]
+__all__ = ["ODD_SHARE", "farthest", "gathered", "odd_limit", "odd_rows", "standing_alone"]
 
 ODD = 0.01  # false alarm rate of "a row of this case stands alone"; chosen by hand
 ODD_SHARE = 0.05  # of the rows that may stand alone at most: more are no exception
@@ -30,22 +30,32 @@ def odd_limit(rows: int) -> int:
     return max(int(ODD_SHARE * rows), 2 if rows >= FEWEST else 0)
 
 
-def gathered(odd: Mask, run: Index, columns: Mapping[str, Array], looked_at: Mask) -> bool:
+def farthest(residual: Array, rows: Mask) -> Array:
+    """Of each row what the channel says that is farthest off: (all rows,) from residuals (channels, rows) in their own
+    sd; 0 outside `rows` (all rows,)."""
+    found = np.zeros(len(rows))
+    found[rows] = np.take_along_axis(residual, np.abs(residual).argmax(axis=0)[None], axis=0)[0]
+    return found
+
+
+def gathered(odd: Mask, residual: Array, run: Index, columns: Mapping[str, Array], looked_at: Mask) -> bool:
     """Whether rows that stand alone lie together in a column: then something happens there, and they are no accidents.
 
-    One row of each run counts, for a glitch may last. Of n runs' rows all lie in a share w of the rows, ordered by the
-    column, with a chance of at most n w^(n-1); so many columns are looked at. Runs: (rows,) numbers; odd, looked_at:
-    (rows,).
+    Of rows that follow each other one counts, for a glitch may last. Of n such rows all lie in a share w of the rows,
+    ordered by the column, with a chance of at most n w^(n-1), and all on one side of the model with 2^(1-n); so many
+    columns are looked at. Runs: (rows,) numbers; odd, looked_at, residual (as of `farthest`): (rows,).
     """
-    few = np.flatnonzero(odd)[np.unique(run[odd], return_index=True)[1]]
+    lasts = np.concatenate([[False], odd[:-1] & (run[1:] == run[:-1])])
+    few = np.flatnonzero(odd & ~lasts)
     if len(few) < 3:
         return False
     shares = [
         np.mean((values[looked_at] >= values[few].min()) & (values[looked_at] <= values[few].max()))
         for values in columns.values()
-        if np.isfinite(values).all()
+        if np.isfinite(values).all() and len(np.unique(values)) > 2  # in a group or not is no place
     ]
-    return bool(shares) and len(shares) * len(few) * min(shares) ** (len(few) - 1) < TOGETHER
+    aside = 0.5 if len(np.unique(np.sign(residual[few]))) == 1 else 1.0
+    return bool(shares) and len(shares) * len(few) * (aside * min(shares)) ** (len(few) - 1) < TOGETHER
 
 
 def standing_alone(
