@@ -83,6 +83,15 @@ force = {{ column = "force", unit = "N"{sigma} }}
     return load_case(folder)
 
 
+def test_a_saturating_quotient_is_told_from_other_bends(tmp_path: Path) -> None:
+    """v/(|v| + x0) has no tail like tanh: named as what it is, with its scale."""
+    found = discover(spring(tmp_path / "x", "v/(abs(v) + 0.15)", 20.0, seed=3))
+    assert named(found) == ["k*v/(abs(v) + x0)"]
+    fit = next(c.fit for c in found.candidates if c.effect.name in found.missing)
+    scale = dict(zip((f.key for f in fit.model.fitted), fit.theta, strict=True))[f"{found.missing[0]}.x0"]
+    assert scale == pytest.approx(0.15, rel=0.15)
+
+
 @pytest.mark.parametrize(
     ("parts", "text"),
     [

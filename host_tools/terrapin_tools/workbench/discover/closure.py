@@ -8,6 +8,7 @@ large it is. What comes near the best is refitted, and has neighbours of its own
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Sequence
 
 import numpy as np
@@ -29,6 +30,7 @@ WITH_TWINS = 3  # answers of which twins are looked for at the end; chosen by ha
 TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
 BESIDE = 6  # members of answers beside which pairs of formulas are looked for; chosen by hand, for time
 PAIRS = 2  # of them that are refitted; chosen by hand, for time
+BENDS = re.compile(r"tanh\(\w+/\w+\)|exp\(-(?:\w+|abs\(\w+\))/\w+\)|\b(\w+)/\((?:\1|abs\(\1\)) \+ \w+\)")
 MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall read it
 
 
@@ -111,10 +113,26 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, member)
         promised = centre.log_weight - ranker.log_prior(centre.effects)
         found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
+        found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]
     if len(centre.effects) < MOST[0]:
         beyond = ranker.beyond(centre.fit)
         found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre.effects, (1, 1), beyond.nothing)]
     return found
+
+
+def _bent_alike(ranker: Ranker, member: str) -> list[str]:
+    """Formulas that bend the same column towards a limit in another way: tanh(x/w), x/(x + x0), exp(-x/tau). Which one
+    it is shows when each has its own scale, not at the scales that are looked at."""
+    own = ranker.sketches.get(member)
+    if own is None or not own.scales or BENDS.search(own.text) is None:
+        return []
+    shape = BENDS.sub("", own.text)
+    others = {
+        BENDS.search(s.text).group(): s  # type: ignore[union-attr]  # of those that match
+        for s in ranker.listed.sketches
+        if s.target == own.target and s.column == own.column and s.text != own.text and BENDS.sub("", s.text) == shape
+    }
+    return [ranker.expression(sketch) for sketch in others.values()]
 
 
 def _likely(

@@ -103,6 +103,7 @@ def shapes(
         for share in (0.1, 0.3):
             prior = 0.5 * SHAPE_COST**1.5
             found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior))
+            found.append(Term(f"{name}/({magnitude} + {x0})", {x0: share * size}, scale, prior))
     if low > 0.0:
         if unit in ("", "1"):
             found.append(term(f"log({name})", SHAPE_COST))
