@@ -357,11 +357,16 @@ def _doubtful(
         other = "." if mark == "," else ","
         if not decimal and not thousands and (mark == "," or delimiter == ";"):
             return places[0]
+        of_column, grouped = (Counter(n for _, n, _ in one) for one in (places, thousands.get(mark, [])))
+        shown, largest = Counter(n for _, n, _ in decimal.get(other, [])), dict[str, float]()
+        for _, name, cell in decimal.get(other, []):
+            if name in of_column:
+                largest[name] = max(largest.get(name, 0.0), abs(float(_plain(cell, other, mark))))
         for row, name, cell in places:
-            shown = [abs(float(_plain(c, other, mark))) for _, n, c in decimal.get(other, []) if n == name]
-            grouped = sum(n == name for _, n, _ in thousands.get(mark, []))
-            few = FEW * len(shown) > sum(n == name for _, n, _ in places)
-            if shown and (not grouped or few or abs(float(_plain(cell, other, mark))) > LEAP * max(shown)):
+            few = FEW * shown[name] > of_column[name]
+            if shown[name] and (
+                not grouped[name] or few or abs(float(_plain(cell, other, mark))) > LEAP * largest[name]
+            ):
                 return row, name, cell
     return None
 
