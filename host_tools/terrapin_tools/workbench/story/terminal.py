@@ -22,6 +22,7 @@ from terrapin_tools.workbench.story.sentences import (
     interval,
     number,
     percent,
+    spelt,
     stuck,
     verdict,
 )
@@ -70,10 +71,17 @@ def tell(story: Story) -> str:
     ]
     lines += ["", f"Errors ({story.noise_told}):"]
     lines += _table([("channel", "noise sd", "training rms", "held-out rms", ""), *channels])
-    ladder = [(rung.added or "(base model)", *_errors(rung)) for rung in story.ladder]
+    ladder = [(_added(story, rung), *_errors(rung)) for rung in story.ladder]
     lines += ["", *_wrapped(f"Errors in noise sd ({floor(story.noise)}):")]
     lines += _table([("added", "training", "held out"), *ladder])
     return "\n".join(lines)
+
+
+def _added(story: Story, rung: Rung) -> str:
+    """What a step adds, an expression by what it says."""
+    if not rung.added:
+        return "(base model)"
+    return rung.added if story.found is None else " + ".join(spelt(story.found, rung.added.split("+")))
 
 
 def tell_change(done: str, before: Story, after: Story) -> str:

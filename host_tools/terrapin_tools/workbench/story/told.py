@@ -134,7 +134,7 @@ def found_by(discovery: Discovery) -> Findings:
         if not far_above_stated(analysis):
             remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
-        remarks = (sentences.only_here(own),)
+        remarks = (sentences.only_here([_formulas(discovery)[name] for name in own]),)
     remarks += _constants_in_sets(discovery, noise)
     remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
     return Findings(
