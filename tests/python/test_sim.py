@@ -92,10 +92,14 @@ def test_frames_that_a_slow_tool_did_not_get_are_counted_once() -> None:
         assert 0 <= left < 1000  # in the terminal itself, and in the tool
 
 
-def test_who_was_stopped_goes_on_and_who_is_gone_leaves_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("counted", [True, False])
+def test_who_was_stopped_goes_on_and_who_is_gone_leaves_nothing(monkeypatch: pytest.MonkeyPatch, counted: bool) -> None:
     """A tool that stands still for long (a debugger, a lid that was shut) has frames again when it reads again, and
-    what it missed is counted; a tool that was killed leaves no frame to the next, and none is counted."""
+    what it missed is counted; a tool that was killed leaves no frame to the next, and none is counted.
+    So it is where a busy kernel has not counted what is unread."""
     monkeypatch.setattr("terrapin_hil.run.ports.DEAF", 0.05)
+    if not counted:
+        monkeypatch.setattr(PtyPort, "_before_it", lambda _: 0)
     port = PtyPort()
 
     def flood(tool: SlcanPort) -> None:

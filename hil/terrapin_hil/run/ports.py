@@ -127,7 +127,8 @@ class PtyPort:
     def send(self, frames: Sequence[Frame]) -> None:
         if not self._open:
             return
-        if self._unread is not None and self._before_it() >= self._unread:
+        if self._unread is not None and self._before_it() >= max(self._unread, 1):
+            # who has nothing before it has read: the kernel counts what was written some time after
             self._untaken += len(frames)
             return
         self._unread = None
