@@ -1,4 +1,4 @@
-"""What speaks against an answer about differential equations of the user's own."""
+"""What speaks against an answer: parameters pulled beyond their bounds; over time, more than its rows scatter."""
 
 from __future__ import annotations
 
@@ -20,6 +20,34 @@ from terrapin_tools.workbench.story.told import found_by
 from tests.python.test_ode import CUBIC, TEXT, spring
 
 FREE = TEXT.replace(", sigma = 5.0", "")
+
+
+def test_a_parameter_that_wants_to_leave_its_bounds_is_told_in_any_model(tmp_path: Path) -> None:
+    random = np.random.default_rng(1)
+    load, speed = random.uniform(20.0, 60.0, 160), random.uniform(0.2, 3.0, 160)
+    pull = 0.4 * load - 1.0 * speed + 0.5 * random.standard_normal(160)
+    rows = (f"r{i // 20},{a:.5g},{v:.5g},{p:.5g}" for i, (a, v, p) in enumerate(zip(load, speed, pull, strict=True)))
+    (tmp_path / "runs.csv").write_text("\n".join(["run,load,speed,pull", *rows]) + "\n")
+    case = """[model]
+base = "equation"
+[model.equation]
+pull = "mu*load + drag*speed"
+[fit]
+mu = { value = 0.3, min = 0.0 }
+drag = { value = 1.0, min = LEAST }
+[data]
+files = ["runs.csv"]
+run = "run"
+[data.columns]
+load = { column = "load", unit = "N" }
+speed = { column = "speed", unit = "m/s" }
+pull = { column = "pull", unit = "N", sigma = 0.5 }
+"""
+    for least, pulled in (("0.0", ("drag",)), ("-5.0", ())):
+        (tmp_path / "case.toml").write_text(case.replace("LEAST", least))
+        found = analyse(load_case(tmp_path))
+        said = doubts(found, found.fit)
+        assert (said.at_bound, dict(said.restless)) == (pulled, {})
 
 
 @pytest.mark.parametrize(

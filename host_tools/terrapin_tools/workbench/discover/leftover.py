@@ -69,8 +69,8 @@ class Left:
 
 @dataclass(frozen=True)
 class Doubts:
-    """Why an answer about equations of the user's own is not sure: parameters of the model that stand at a bound beyond
-    which the data pull them, and channels in which so many times the scatter from row to row is left."""
+    """Why an answer is not sure: parameters of the model that stand at a bound beyond which the data pull them, and
+    channels in which so many times the scatter from row to row is left."""
 
     at_bound: tuple[str, ...] = ()
     restless: Mapping[str, float] = field(default_factory=dict)
@@ -124,11 +124,9 @@ def stand_alone(analysis: Analysis, fit: Fit) -> Mask:
 
 
 def doubts(analysis: Analysis, fit: Fit) -> Doubts:
-    """What speaks against a fit of equations of the user's own, although no better one is known; for other models, and
-    of a channel whose sd is stated, nothing."""
+    """What speaks against a fit, although no better one is known: parameters of the model that the data pull beyond
+    their bounds; of equations over time what its rows do not scatter, of a channel whose sd is not stated."""
     case = analysis.case
-    if case.dynamics is None:
-        return Doubts()
     own = [f.key for f in fit.model.fitted if f.effect is None and f.key in fit.at_bound]
     slopes = fit.jacobian.reshape(fit.residual.size, -1)
     free = orthonormal(slopes[:, [f.key not in fit.at_bound for f in fit.model.fitted]])
@@ -140,7 +138,9 @@ def doubts(analysis: Analysis, fit: Fit) -> Doubts:
         slope = slope - free @ (free.T @ slope)
         if float(slope @ residual) ** 2 > PULLED * variance * float(slope @ slope):
             pulled.append(key)
-    restless = {}
+    restless: dict[str, float] = {}
+    if case.dynamics is None:
+        return Doubts(tuple(pulled))
     for channel, values, known in zip(fit.model.channels, _left_of(analysis, fit), analysis.noise.known, strict=True):
         quiet = row_scatter(case.channels[channel], case.run)
         times = float(np.sqrt(np.mean(values * values))) / max(quiet, 1e-300)

@@ -318,8 +318,8 @@ def doubt(likeliest: Sequence[str], column: str, blind: bool) -> tuple[str, ...]
 
 
 def unsure(at_bound: Sequence[str], restless: Mapping[str, float]) -> tuple[str, ...]:
-    """Why an answer about equations of the user's own is not sure: `restless` has the channels with how many times the
-    scatter from row to row they keep."""
+    """Why an answer is not sure: parameters `at_bound` that the data pull beyond; `restless` has the channels with how
+    many times the scatter from row to row they keep."""
     found = [
         f"{name} stands at its bound and would go beyond: widen it in [fit] if it may, else the equations lack more."
         for name in at_bound
