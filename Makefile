@@ -1,7 +1,7 @@
 # Terrapin's front door. The work is done by the scripts that each target names.
 .DEFAULT_GOAL := help
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
-.PHONY: help setup demo test test-all sandbox check bench campaigns claims mutants fuzz attack proof firmware release docs wheel lock clean
+.PHONY: help setup demo test test-all sandbox check bench campaigns claims sensitivity mutants fuzz attack proof firmware release docs wheel lock clean
 
 help: ## list the targets
 	@sed -n 's/^\([a-z-]*\):[^#]*## \(.*\)/make \1\t\2/p' Makefile | expand -t 16
@@ -36,6 +36,11 @@ campaigns: ## how often discovery is right, and whether tests see slips: every b
 
 claims: ## which counts of docs/rates.md are of the program as it stands; writes its first table
 	@tests/setup/setup.sh runtime && .venv/bin/python tests/tools/claims.py --write
+
+sensitivity: ## what halving and doubling each number of discovery's decision does (an hour; docs/thresholds.md)
+	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
+		&& .venv/bin/python -m tests.campaigns.sensitivity --campaigns outside,pools $(ARGS) \
+		&& .venv/bin/python -m tests.campaigns.sensitivity --write
 
 mutants: ## would a slip be seen? in the firmware's C (1,000 of them; ARGS=--whole), Python, controller.toml, its generator (3 h)
 	@tests/setup/setup.sh test && UNITY_ROOT=$$(tests/setup/unity.sh) tests/tools/build.sh host \
