@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.compare.comparison import Analysis
+from terrapin_tools.workbench.compare.comparison import Analysis, error
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import calibrated
 from terrapin_tools.workbench.discover.leftover import absent, left, noise_left
@@ -33,6 +33,7 @@ BESIDE = 0.2  # of it that a formula has at least, to be told beside an effect w
 ALONE = 0.7  # of the mass of all sets from which one class is told alone
 CREDIBLE = 0.9  # of it that is told together where none has so much
 MOST = 4  # names that are told
+TENTH = 0.1  # share of the misfit that a further effect must bring beside a curve that is left
 SMALL = 1e-2  # of the likeliest set's probability, below which a set joins no other, for time
 QUESTION = 1e-6  # probability below which something is out of the question, and not listed
 # Of "nothing is missing" at most where far more than the stated noise is left, or where noise is found to grow with the
@@ -188,7 +189,8 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
     if most == part:
         first = max(every, key=lambda c: c.partly)
         (top, _), *_ = first.parts
-        return Decision("partial", calibrated(first.partly, "partial"), (top,), top.column, classes=tuple(every))
+        worth = _worth(analysis, ranking, top)
+        return Decision("partial", calibrated(first.partly, "partial"), (worth,), top.column, classes=tuple(every))
     told = tuple(_told(ranking, every, sets))
     assert told[0][0].fit is not None
     leaves = left(analysis, told[0][0].fit)
@@ -197,6 +199,23 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
         return Decision("partial", probability, (told[0][0],), classes=tuple(every))
     verdict = "ambiguous" if len(told) > 1 else "missing"
     return Decision(verdict, calibrated(told[0][1], verdict), tuple(h for h, _ in told), classes=tuple(every))
+
+
+def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
+    """Of a catalogued set the part with the fewest parameters that takes as much of the misfit but for TENTH: beside a
+    curve that is left, a further effect that brings less may be a piece of that curve. (Formulas pay for their length.)
+    """
+    before = error(analysis.fit, analysis.rows, analysis.noise.sigma) or 1.0
+
+    def takes(one: Hypothesis) -> float:
+        after = error(one.fit, analysis.rows, analysis.noise.sigma) if one.fit is not None else None
+        return -np.inf if after is None else 1.0 - after**2 / before**2
+
+    least = takes(top) - TENTH
+    within = [h for h in ranking.hypotheses if h.kind == "catalogue" and set(h.effects) < set(top.effects)]
+    good = [h for h in within if h.effects and takes(h) >= least and not absent(h.fit, h.effects)]
+    catalogued = not any(name in ranking.expressions for name in top.effects)
+    return min(good, key=lambda h: (h.parameters, -h.log_weight), default=top) if catalogued else top
 
 
 def _told(ranking: Ranking, every: Sequence[Class], mass: float) -> Iterator[tuple[Hypothesis, float]]:
