@@ -34,7 +34,7 @@ from terrapin_tools.workbench.story.told import told
 from tests.campaigns import calibration, practice
 from tests.campaigns.resumed import Record, sure_and_wrong
 
-__all__ = ["FAMILIES", "compared", "one"]
+__all__ = ["FAMILIES", "NotKept", "cases", "compared", "keep_weighed", "one"]
 
 # The families of each campaign that take part; fixed before any answer was seen. `--cases` of each.
 FAMILIES: Mapping[str, tuple[str, ...]] = {
@@ -48,6 +48,13 @@ FAMILIES: Mapping[str, tuple[str, ...]] = {
     "nothing": ("white", "ar1", "offsets", "drift", "outliers", "growing"),
     "dynamic": ("cmr",),
 }
+
+
+def keep_weighed(folder: Path) -> None:
+    """What each campaign weighs is kept in a folder from now on, and read again from there."""
+    cached = Cached(folder)
+    for name in {*FAMILIES, "noises", "practice"} - {"nothing"}:
+        import_module(f"tests.campaigns.{name}").discover = cached  # type: ignore[attr-defined]
 
 
 class NotKept(Exception):
@@ -181,9 +188,8 @@ def main() -> None:
     if options.against:
         print(compared(_read(options.against), _read(options.out)))
         return
-    cached, (part, parts) = Cached(options.cache), map(int, options.part.split("/"))
-    for name in {*FAMILIES, "noises", "practice"} - {"nothing"}:
-        import_module(f"tests.campaigns.{name}").discover = cached  # type: ignore[attr-defined]
+    part, parts = map(int, options.part.split("/"))
+    keep_weighed(options.cache)
     known = {_key(r) for r in _read(options.out)} if options.out.is_file() else set()
     only = {_key(r) for r in _read(options.only)} if options.only else None
     with options.out.open("a", encoding="utf-8") as file:

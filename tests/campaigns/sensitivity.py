@@ -172,9 +172,7 @@ def main() -> int:
         before, _, rest = PAGE.read_text().partition(BEGIN)
         PAGE.write_text(f"{before}{BEGIN}\n{table(records, listed)}\n{END}{rest.partition(END)[2]}")
         return 0
-    cached = paired.Cached(options.cache)
-    for name in {*paired.FAMILIES, "noises", "practice"} - {"nothing"}:
-        import_module(f"tests.campaigns.{name}").discover = cached  # type: ignore[attr-defined]
+    paired.keep_weighed(options.cache)
     known = {(r["module"], r["name"], r["factor"]) for r in records}
     options.out.parent.mkdir(parents=True, exist_ok=True)
     print("as it is", file=sys.stderr)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.messages import interface
-from terrapin_hil.physics.bodies import Body, Drive, bodies
+from terrapin_hil.physics.bodies import Body, Drive, bodies, wheel_slip
 from terrapin_hil.physics.effects import Effect, catalogue
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.program import ADD, FIRST, MULTIPLY, TORQUE, Additions
@@ -162,7 +162,7 @@ class Plan:
                     here = {**known, **own}
                     if name.startswith("omega_"):  # of this wheel
                         here["omega"], here["angle"] = channels[name], integral(time, channels[name])
-                        here["slip"] = 1.0 - known["speed"] / np.maximum(channels[name] * known["radius"], 0.3)
+                        here["slip"] = wheel_slip(known["speed"], channels[name], known["radius"])
                         here["side"] = 1.0 if name.endswith("l") else -1.0
                     change = parse(effect.expression).evaluate(here)
                     rate = self.model.channels[name] == "rad/s"

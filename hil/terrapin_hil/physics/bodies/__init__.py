@@ -16,7 +16,9 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.catalogues import entries
 from terrapin_hil.physics.program import FIRST, ROLES
 
-__all__ = ["Body", "Drive", "bodies"]
+__all__ = ["Body", "Drive", "bodies", "wheel_slip"]
+
+SLOWEST = 0.3  # m/s of a wheel, below which its slip is told as there
 
 
 @dataclass(frozen=True)
@@ -39,14 +41,8 @@ class Body:
     aliases: Mapping[str, str] = field(default_factory=dict)  # further names of parameters in formulas
     swings: str = ""  # the parameter that is the arm of what swings in it
     encoder: tuple[str, ...] = ()  # channels that an encoder gives
-    states: tuple[str, ...] = (
-        "omega",
-        "angle",
-        "acceleration",
-        "slip",
-        "speed",
-        "load",
-    )  # roles that it computes itself
+    # roles that it computes itself
+    states: tuple[str, ...] = ("omega", "angle", "acceleration", "slip", "speed", "load")
 
     def slots(self) -> dict[str, int]:
         """Slots of everything that formulas may name, but for the effects' own."""
@@ -72,6 +68,12 @@ class Drive:
         taken = {n: c for n, c in self.columns.items() if n not in self.body.states and n not in without}
         stacked = np.column_stack(list(taken.values())) if taken else np.zeros((len(self.time), 0))
         return np.ascontiguousarray(stacked), [self.slots[name] for name in taken]
+
+
+def wheel_slip(speed: Array | float, omega: Array, radius: Array | float) -> Array:
+    """Slip of a wheel [1] that turns with omega [rad/s] under a body with a speed [m/s]; below SLOWEST as if it went
+    around so fast (the tyre's speed_floor)."""
+    return np.asarray(1.0 - speed / np.maximum(omega * radius, SLOWEST))
 
 
 @cache

@@ -3,7 +3,7 @@
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_hil.physics.bodies import Body, Drive
+from terrapin_hil.physics.bodies import Body, Drive, wheel_slip
 from terrapin_hil.physics.compiled import ffi, library, pointer
 from terrapin_hil.physics.signals import derivative, integral
 
@@ -37,7 +37,7 @@ def _motion(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
         "speed": speed,
         "omega_front": record[:, 1],
         "load": np.full(len(time), value("mass") * value("gravity")),
-        "slip": 1.0 - speed / np.maximum(rear * value("tyre_radius"), 0.3),
+        "slip": wheel_slip(speed, rear, value("tyre_radius")),
         "sinkage": record[:, 7],
     }
 

@@ -203,8 +203,10 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
 
 def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
     """Of a catalogued set the part with the fewest parameters that takes as much of the misfit but for TENTH: beside a
-    curve that is left, a further effect that brings less may be a piece of that curve. (Formulas pay for their length.)
+    curve that is left, a further effect that brings less may be a piece of that curve. Formulas pay for their length.
     """
+    if any(name in ranking.expressions for name in top.effects):
+        return top
     before = error(analysis.fit, analysis.rows, analysis.noise.sigma) or 1.0
 
     def takes(one: Hypothesis) -> float:
@@ -214,8 +216,7 @@ def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
     least = takes(top) - TENTH
     within = [h for h in ranking.hypotheses if h.kind == "catalogue" and set(h.effects) < set(top.effects)]
     good = [h for h in within if h.effects and takes(h) >= least and not absent(h.fit, h.effects)]
-    catalogued = not any(name in ranking.expressions for name in top.effects)
-    return min(good, key=lambda h: (h.parameters, -h.log_weight), default=top) if catalogued else top
+    return min(good, key=lambda h: (h.parameters, -h.log_weight), default=top)
 
 
 def _told(ranking: Ranking, every: Sequence[Class], mass: float) -> Iterator[tuple[Hypothesis, float]]:

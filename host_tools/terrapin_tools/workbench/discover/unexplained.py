@@ -102,12 +102,14 @@ class _Bump(_Waves):
     centres: tuple[float, ...] = tuple((np.arange(BUMPS) + 0.5) / BUMPS)
 
     def at(self, values: Array) -> Array:
-        bumps = np.exp(-0.5 * (BUMPS * (self.place(values)[:, None] - np.array(self.centres))) ** 2)
-        there = np.exp(-0.5 * (BUMPS * (self.place(self.values)[:, None] - np.array(self.centres))) ** 2)
+        bumps, there = (
+            np.exp(-0.5 * (BUMPS * (self.place(one)[:, None] - np.array(self.centres))) ** 2)
+            for one in (values, self.values)
+        )
         return np.asarray(bumps / np.maximum(np.sqrt((there * there).mean(axis=0)), 1e-9))
 
     def _each(self, evidence: Evidence, channel: int) -> Array:
-        """Log evidence of each place; a place with less than three rows is that of rows that stand alone."""
+        """Log evidence of each place; a place with fewer than FEWEST rows is that of rows that stand alone."""
         own = self.block(channel, evidence.channels)
         total, squares = np.abs(own).sum(axis=0), (own * own).sum(axis=0)
         return np.where(total**2 > FEWEST * squares, evidence.single(own), -np.inf)

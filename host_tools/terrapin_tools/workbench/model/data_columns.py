@@ -11,6 +11,7 @@ import numpy as np
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases.kinds.base import Fitted
 from terrapin_tools.workbench.case.case import Case, require_effect
 from terrapin_tools.workbench.model.model import Model
 
@@ -28,9 +29,10 @@ class Direction:
     change: Array
 
 
-def is_phase(parameter: Parameter) -> bool:
+def is_phase(one: Parameter | Fitted) -> bool:
     """Whether a parameter is an angle at which a wave starts (the catalogue bounds those by two turns)."""
-    return parameter.unit == "rad" and (parameter.minimum, parameter.maximum) == (-2 * pi, 2 * pi)
+    bounds = (one.minimum, one.maximum) if isinstance(one, Parameter) else (one.lower, one.upper)
+    return one.unit == "rad" and bounds == (-2 * pi, 2 * pi)
 
 
 def candidates(model: Model) -> list[Effect]:

@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
-from terrapin_tools.workbench.bases.kinds.base import Fitted
+from terrapin_tools.workbench.model.data_columns import is_phase
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import Node
@@ -236,12 +236,8 @@ def _neighbours(problem: _Problem, model: Model, theta: Array, cost: float, whol
 def _wrapped(model: Model, theta: Array) -> Array:
     """Phases, which the catalogue bounds by two turns, in (-pi, pi]."""
     turn = 2.0 * np.pi
-    phase = np.array([_is_phase(f) for f in model.fitted], dtype=bool)
+    phase = np.array([is_phase(f) for f in model.fitted], dtype=bool)
     return np.where(phase, np.pi - np.mod(np.pi - theta, turn), theta)
-
-
-def _is_phase(one: Fitted) -> bool:
-    return one.unit == "rad" and (one.lower, one.upper) == (-2.0 * np.pi, 2.0 * np.pi)
 
 
 def extend(
@@ -292,7 +288,7 @@ def _screened(parent: Fit, bound: Bound, absent: Array, measured: Array, sigma: 
     weight = 1.0 / sigma[:, None]
     first = sets[0].copy()
     first[count] = absent[count]
-    apart, which, sign = _half_turns(combinations, [_is_phase(f) for f in fresh])
+    apart, which, sign = _half_turns(combinations, [is_phase(f) for f in fresh])
     values = bound.near(np.vstack([first, sets[apart]]))
     base = values[0]
     change = ((values[1:] - base) / size_step * weight).reshape(len(apart), -1)[which] * sign[:, None]
