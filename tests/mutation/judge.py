@@ -64,6 +64,7 @@ LONGER, SPARE_S = 3.0, 2.0
 FIRST_S = 60.0  # for that first time
 ONE_S = 8.0  # of one scenario, and of one test of tests/boot; the longest takes 2
 WAITED = 600.0  # s by the clock, on a machine however busy
+SLOWED = 10.0  # times the processor's time that a test may take, where that is longer: a niced run gets little of it
 
 
 class NotReady(Exception):
@@ -360,7 +361,7 @@ def in_a_child(work: Callable[[], str | None], seconds: float) -> tuple[bool, st
         finally:
             os._exit(1)
     os.close(writer)
-    end = time.monotonic() + WAITED
+    end = time.monotonic() + max(WAITED, SLOWED * seconds)
     wait, done = 0.001, 0
     with os.fdopen(reader, "rb") as told:
         try:

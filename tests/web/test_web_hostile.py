@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 import socket
 from collections.abc import Iterator
@@ -13,7 +12,6 @@ from serving import Server
 from websockets.exceptions import InvalidStatus, WebSocketException
 from websockets.sync.client import connect
 
-from terrapin_tools.web.service.security import Door
 from tests.waiting import wait_for
 
 
@@ -144,51 +142,6 @@ def test_host_must_be_there_once(server: Server) -> None:
     assert b" 400 " in server.raw(both.encode()).splitlines()[0]
     old = f"GET /api/status HTTP/1.0\r\nAuthorization: Bearer {server.token}\r\n\r\n"
     assert b" 400 " in server.raw(old.encode()).splitlines()[0]
-
-
-def through_the_door(headers: dict[str, str] | list[tuple[str, str]], path: str = "/", query: str = "") -> int:
-    """The status of a request without a body that the door alone sees; 200 is the page's."""
-    sent: list[dict[str, Any]] = []
-
-    async def page(scope: Any, receive: Any, send: Any) -> None:
-        await send({"type": "http.response.start", "status": 200, "headers": []})
-
-    async def receive() -> dict[str, Any]:
-        return {"type": "http.request", "body": b"", "more_body": False}
-
-    async def send(message: Any) -> None:
-        sent.append(message)
-
-    pairs = headers.items() if isinstance(headers, dict) else headers
-    encoded = [(name.encode(), value.encode()) for name, value in pairs]
-    scope = {"type": "http", "method": "GET", "path": path, "query_string": query.encode(), "headers": encoded}
-    asyncio.run(Door(page, "token")(scope, receive, send))  # type: ignore[arg-type]
-    return int(sent[0]["status"])
-
-
-@pytest.mark.parametrize(
-    ("hosts", "status"), [((), 400), (("{}", "example.org"), 400), (("{}", "{}"), 400), (("{}",), 200)]
-)
-def test_the_door_itself_wants_one_host(hosts: tuple[str, ...], status: int) -> None:
-    """h11 refuses two before the door sees them; another server below it might not."""
-    assert through_the_door([("host", host.format("127.0.0.1:1")) for host in hosts]) == status
-
-
-def test_no_body_is_no_wrong_json() -> None:
-    headers = {"host": "127.0.0.1:1", "authorization": "Bearer token", "content-type": "application/json"}
-    assert through_the_door(headers, "/api/status") == 200
-    assert through_the_door(headers | {"authorization": "Bearer another"}, "/api/status") == 401
-
-
-def test_a_token_is_looked_for_among_so_many() -> None:
-    """Of a query of the page, and no longer one is read."""
-
-    async def nothing(scope: Any, receive: Any, send: Any) -> None:
-        return
-
-    for more, found in ((0, True), (19, True), (20, False), (10_000, False)):
-        scope = {"type": "http", "path": "/", "query_string": b"token=token" + more * b"&a=1", "headers": []}
-        assert Door(nothing, "token").knows(scope) == found
 
 
 @pytest.mark.parametrize(
