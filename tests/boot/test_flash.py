@@ -40,7 +40,7 @@ from terrapin_hil.simulation import Simulation, output_hash
 from terrapin_tools import cli
 from terrapin_tools.commands.flash import flash
 from terrapin_tools.errors import UserError
-from terrapin_tools.flash import swd
+from terrapin_tools.flash import protect, swd
 from terrapin_tools.flash.can_wire import CanWire
 from terrapin_tools.flash.image import Version, parse, sign
 from terrapin_tools.flash.keys import development_key, private_key
@@ -279,6 +279,14 @@ def test_a_request_or_its_answer_is_lost(what: str, monkeypatch: pytest.MonkeyPa
         assert node.resets == 3  # no more than those that were wanted
 
 
+def test_a_frame_of_what_stands_before_begin_is_lost() -> None:
+    """The end of the image did not come whole: it is sent again with BEGIN, which was not accepted."""
+    with on_bus() as (node, wire):
+        node.lose_once = [interface().messages["UPDATE_DATA"].id]
+        assert update(wire, [file("a", "1.0.0")], quiet) == Outcome("a", "confirmed")
+        assert node.lose_once == []
+
+
 def test_requests_that_nobody_answers_end_in_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("terrapin_tools.flash.update.ERASE", 0.05)
     with on_bus() as (node, wire):
@@ -505,12 +513,12 @@ class OptionBytes:
     def __init__(self, options: int = 0x0FFF_AAED) -> None:
         self.options, self.shadow = options, options
         self.keys: list[int] = []
-        self.busy = 3
-        self.stuck = False
+        self.busy = 0
+        self.stuck = self.endless = self.closed = False
 
     def read32(self, address: int) -> int:
         if address == 0x4002_3C0C:
-            self.busy -= self.busy > 0
+            self.busy -= self.busy > 0 and not self.endless
             return (self.busy > 0) << 16
         assert address == 0x4002_3C14
         return self.shadow
@@ -518,15 +526,17 @@ class OptionBytes:
     def write32(self, address: int, value: int) -> None:
         if address == 0x4002_3C08:
             self.keys.append(value)
-            if self.keys[-2:] == [0x0819_2A3B, 0x4C5D_6E7F]:
+            if self.keys[-2:] == [0x0819_2A3B, 0x4C5D_6E7F] and not self.closed:
                 self.shadow &= ~1
             return
         assert address == 0x4002_3C14
+        assert not self.busy  # RM0090, 3.6.2: not while the last change is written
         if self.shadow & 1:
             return
         self.shadow = value
-        if value & 2 and not self.stuck:
-            self.options, self.busy = value & ~3, 3
+        if value & 2:
+            self.options, self.busy = self.options if self.stuck else value & ~3, 3
+            self.shadow = self.options
 
 
 class Target:
@@ -952,6 +962,24 @@ def test_protect(probe: Target, tmp_path: Path) -> None:
         flash(via="swd", protect=True)
     with pytest.raises(UserError, match="--protect: expected with --via swd"):
         flash(via="can", protect=True, key=public)
+
+
+@pytest.mark.parametrize(
+    ("fault", "told"),
+    [
+        ("closed", "the option bytes stay locked until its next reset"),
+        ("endless", "the option bytes are not written after 0.05 s"),
+        ("stuck", "0x0ffebbe4 was written, 0x0fffaaec stands"),
+    ],
+)
+def test_a_chip_that_does_not_take_its_protection(monkeypatch: pytest.MonkeyPatch, fault: str, told: str) -> None:
+    """Nobody is to believe a robot closed that is not."""
+    chip = Target(0x413)
+    chip.name = "probe"
+    setattr(chip.options, fault, True)
+    monkeypatch.setattr(protect, "BUSY_LIMIT", 0.05)
+    with pytest.raises(UserError, match=f"^probe: .*{told}"):
+        protect.protect(chip)
 
 
 def test_protect_refuses_the_key_of_the_bench() -> None:
