@@ -50,7 +50,7 @@ SEEN_BY = {
 }
 LOGIC = "f405_logic"  # what the F405's port decides: part of its black-box tests
 LOOKED_IN = ("core", "link", "store", "boot")  # as the C tests do, in this order
-NOT_THESE = re.compile(r"test_(linux|f405_parts|f405_hardware|f405_can|f405_imu|f405_key|flash_file)_")  # they test ports alone
+NOT_THESE = re.compile(r"test_(linux|f405_(parts|hardware|can|imu|key)|flash_file)_")  # they test ports alone
 BITS = "tests/python/data/same_bits.toml"
 BOOT_TESTS = ("test_boot.py", "test_ed25519.py", "test_identity.py", "test_images.py", "test_power_cut.py")
 NOT_OF_THE_LOADER = (
