@@ -20,6 +20,8 @@ from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.vocabulary import product_text, shapes
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.story.told import told
+from tests.campaigns import misled
 
 
 def rolling(target: str, text: str, column: str, seed: int, size: float = 3.0, runs: int = 18) -> Made:
@@ -150,6 +152,23 @@ def test_finds_what_no_catalogue_has(target: str, text: str, column: str, seed: 
     assert after < 1.2  # noise sd; the held-out error of the true model is 1 give or take 0.1
     assert found.ladder[0].heldout_error is not None
     assert found.ladder[0].heldout_error > 1.1 * after
+
+
+def test_a_deviation_from_a_reference_may_as_well_be_an_offset() -> None:
+    """k*(humidity - x0), and an offset of the current beside k*humidity: no data tell them apart, so both are told."""
+    found = discover(rolling("current", "k*(humidity - 42)", "humidity", seed=78, size=4.0).case)
+    assert named(found) == ["k*(humidity - x0)"]
+    told_too = " ".join(told(found.analysis, found).notes)
+    assert "does exactly what" in told_too
+    assert "current_offset" in told_too
+    assert "k*humidity in" in told_too
+
+
+def test_a_reference_may_lie_outside_what_was_measured() -> None:
+    """The oil was never as cold as where its friction begins: k*oil**2, which was told at 0.97, is another curve."""
+    record = misled.one("tie", 8, 11)
+    assert (record["verdict"], record["missing"]) == ("missing", ["k*(oil - x0)"])
+    assert record["right"]
 
 
 @pytest.mark.parametrize("hidden", ["x**3", "sign(v)*max(abs(v) - 0.25, 0)", "v*abs(v)", "oil*v"])

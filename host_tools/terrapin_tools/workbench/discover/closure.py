@@ -31,6 +31,7 @@ TWIN = 1.0  # log evidence behind a member of such an answer within which an eff
 BESIDE = 6  # members of answers beside which pairs of formulas are looked for; chosen by hand, for time
 PAIRS = 2  # of them that are refitted; chosen by hand, for time
 BENDS = re.compile(r"tanh\(\w+/\w+\)|exp\(-(?:\w+|abs\(\w+\))/\w+\)|\b(\w+)/\((?:\1|abs\(\1\)) \+ \w+\)")
+REFERENCE = re.compile(r"\((\w+) - x0_*\)")
 MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall read it
 
 
@@ -114,6 +115,7 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         promised = centre.log_weight - ranker.log_prior(centre.effects)
         found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
         found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]
+        found += [(*rest, *names) for names in _unfolded(ranker, centre, member)]
     if len(centre.effects) < MOST[0]:
         beyond = ranker.beyond(centre.fit)
         found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre.effects, (1, 1), beyond.nothing)]
@@ -133,6 +135,21 @@ def _bent_alike(ranker: Ranker, member: str) -> list[str]:
         if s.target == own.target and s.column == own.column and s.text != own.text and BENDS.sub("", s.text) == shape
     }
     return [ranker.expression(sketch) for sketch in others.values()]
+
+
+def _unfolded(ranker: Ranker, centre: Hypothesis, member: str) -> list[tuple[str, ...]]:
+    """k*(x - x0) as k*x and the effect that does most of what a constant does."""
+    own = ranker.sketches.get(member)
+    plain = REFERENCE.sub(r"\1", own.text) if own is not None else ""
+    if own is None or plain == own.text or ranker.case.base.whole_runs:
+        return []
+    line = next((s for s in ranker.listed.sketches if (s.target, s.text) == (own.target, plain)), None)
+    if line is None:
+        return []
+    name = ranker.expression(line)
+    fit = ranker.fit((*(n for n in centre.effects if n != member), name))
+    constant = _likely(ranker, ranker.beyond(fit), centre.effects, (1, 0), np.inf)
+    return [(name, one) for one in constant]
 
 
 def _likely(

@@ -19,13 +19,13 @@ from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import calibrated
 from terrapin_tools.workbench.discover.leftover import absent, left, noise_left
 from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET, Hypothesis
-from terrapin_tools.workbench.discover.ranking import Blamed, Ranking
+from terrapin_tools.workbench.discover.ranking import ONE, Blamed, Ranking
 from terrapin_tools.workbench.discover.unexplained import curves
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.mishaps import KINDS
 
-__all__ = ["Class", "Decision", "Weight", "classes", "decide", "weights", "with_curves"]
+__all__ = ["Class", "Decision", "Weight", "aliases", "classes", "decide", "weights", "with_curves"]
 
 SAME = 2.0  # squared distance of two predictions [noise sd] that nobody can see
 BEHIND = 0.1  # of the likeliest member's probability that another name of its class has at least
@@ -232,6 +232,27 @@ def _told(ranking: Ranking, every: Sequence[Class], mass: float) -> Iterator[tup
         reached += one.mass
         if reached >= (CREDIBLE if place else ALONE) * mass:
             return
+
+
+def aliases(analysis: Analysis, ranking: Ranking, said: Decision) -> tuple[tuple[str, ...], ...]:
+    """Sets that are not told and are the first one told to the last digit, with as many parameters, likeliest first:
+    only their prior speaks against them, no data do."""
+    if not said.told:
+        return ()
+    (top, *_), told = said.told, {h.effects for h in said.told}
+    assert top.fit is not None
+    cost, apart = top.fit.cost, _Apart(analysis, ranking, top)
+    other = [
+        h
+        for h, p in ranking.pairs()
+        if p > QUESTION
+        and h.kind != "part"
+        and h.parameters == top.parameters
+        and h.effects not in told
+        and h.fit is not None
+        and abs(h.fit.cost - cost) < ONE
+    ]
+    return tuple(h.effects for h in other if max(apart(top, h), apart(h, top)) < ONE)
 
 
 def weights(ranking: Ranking, every: Sequence[Class]) -> tuple[Weight, ...]:

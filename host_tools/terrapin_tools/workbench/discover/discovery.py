@@ -27,7 +27,7 @@ from terrapin_tools.workbench.compare.comparison import (
     sds,
 )
 from terrapin_tools.workbench.discover.certainty import Operating, calibrated, operating_characteristic
-from terrapin_tools.workbench.discover.decide import Decision, Weight, classes, decide, weights, with_curves
+from terrapin_tools.workbench.discover.decide import Decision, Weight, aliases, classes, decide, weights, with_curves
 from terrapin_tools.workbench.discover.leftover import Doubts, around, doubts, noise_left, sd_of, stand_alone
 from terrapin_tools.workbench.discover.misfit import Part, Step, front, importance, part_of
 from terrapin_tools.workbench.discover.ranker import Hypothesis
@@ -84,6 +84,7 @@ class Discovery:
     answer_probability: float
     candidates: tuple[Candidate, ...]
     rivals: tuple[tuple[str, ...], ...]
+    aliases: tuple[tuple[str, ...], ...]  # sets that do the same as what is missing, whatever is measured
     experiment: Experiment | None
     where: tuple[Failure, ...]
     ladder: tuple[Rung, ...]
@@ -191,6 +192,7 @@ def decided(
         answer_probability=probability,
         candidates=candidates,
         rivals=tuple(h.effects for h in rivals) if verdict == "ambiguous" else (),
+        aliases=aliases(analysis, ranking, said),
         experiment=experiment,
         where=_where(analysis, ranking, top, "" if missing else said.column),
         ladder=_ladder(analysis, top if missing else None, noise),

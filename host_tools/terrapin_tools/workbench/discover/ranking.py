@@ -28,7 +28,7 @@ from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 from terrapin_tools.workbench.noise.mishaps import KINDS
 
-__all__ = ["Blamed", "Hypothesis", "Ranking", "rank"]
+__all__ = ["ONE", "Blamed", "Hypothesis", "Ranking", "rank"]
 
 PAIRS_REFITTED = 12  # pairs at most; chosen by hand, for time
 PAIRS_ANYWAY = 6  # of them, however far behind they look around the present fit; chosen by hand

@@ -78,12 +78,10 @@ def shapes(
         if low > 0.0 and high > DECADE * low and (free or unit in ("", "1")):
             found.append(Term(f"log({name}/{0.5 * (low + high):.3g})", {}, (-np.inf, np.inf), SHAPE_COST, centred=True))
         found.append(term(f"sqrt({magnitude})", SHAPE_COST))
-        if (
-            low >= 0.0
-        ):  # a deviation from a reference; a threshold in the middle of the range finds its place in the fit
-            for share in (0.25, 0.5, 0.75):
+        if low >= 0.0:  # a deviation from a reference, which may lie outside what was measured
+            for share in (0.0, 0.25, 0.5, 0.75):
                 start = {x0: low + share * span}
-                found.append(Term(f"({name} - {x0})", start, (low, high), 0.3 * SHAPE_COST))
+                found.append(Term(f"({name} - {x0})", start, (low - size, high + size), 0.3 * SHAPE_COST))
     else:
         found += [
             term(f"abs({name})", SHAPE_COST),

@@ -23,6 +23,7 @@ __all__ = [
     "NOT_LOOKED",
     "acts",
     "alarm",
+    "alike",
     "amount",
     "carried",
     "chance",
@@ -348,6 +349,11 @@ def constant_in_set(rung: Rung, name: str, value: float, stated: float, unit: st
 
 def only_here(effects: Sequence[str]) -> str:
     return f"{_joined(effects)}: in no catalogue. It holds inside the range of these measurements, not beyond."
+
+
+def alike(sets: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """What is another name of the answer."""
+    return (f"On these rows it does exactly what {_either(sets)} does.",) if sets else ()
 
 
 def acts(target: str, channels: Collection[str]) -> str:

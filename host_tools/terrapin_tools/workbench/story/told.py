@@ -127,14 +127,15 @@ def found_by(discovery: Discovery) -> Findings:
                 named.setdefault(effect, {})[name] = value
         for effect in filter(constants.named, named):
             named[effect] = _constant(fit, effect, next(iter(named[effect].values())).sd or 0.0)
-    candidates = tuple(_proposal(one) for one in discovery.candidates)
+    candidates, formulas = tuple(_proposal(one) for one in discovery.candidates), _formulas(discovery)
     remarks: tuple[str, ...] = ()
     if discovery.verdict == "adequate" and discovery.answer_probability < EVEN:
         likeliest = max(discovery.ranking.hypotheses, key=lambda h: h.log_weight)
         if not far_above_stated(analysis):
             remarks = sentences.doubt(likeliest.effects, likeliest.column, discovery.ranking.blind)
     elif own := [c.effect for c in candidates if c.kind == "expression" and c.effect in discovery.missing]:
-        remarks = (sentences.only_here([_formulas(discovery)[name] for name in own]),)
+        remarks = (sentences.only_here([formulas[name] for name in own]),)
+    remarks += sentences.alike([[formulas.get(name, name) for name in one] for one in discovery.aliases])
     remarks += _constants_in_sets(discovery, noise)
     remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
     return Findings(
@@ -157,12 +158,12 @@ def found_by(discovery: Discovery) -> Findings:
         part=_part(analysis, discovery, noise.sigma),
         front=discovery.front,
         weighed=discovery.weighed,
-        formulas=_formulas(discovery),
+        formulas=formulas,
     )
 
 
 def _formulas(discovery: Discovery) -> dict[str, str]:
-    sets = [discovery.missing, *discovery.rivals, *(one.effects for one in discovery.front)]
+    sets = [discovery.missing, *discovery.rivals, *discovery.aliases, *(one.effects for one in discovery.front)]
     sets += [(one.effect.name,) for one in discovery.candidates]
     sets += [names for one in discovery.weighed for names in one.sets]
     known = discovery.ranking.expressions
