@@ -53,15 +53,20 @@ def arm(page: Page) -> None:
     expect(page.get_by_role("dialog")).to_be_hidden()
 
 
+def ready(page: Page) -> None:
+    """Armed, without a fault."""
+    if page.locator("[data-tile=Faults] .bad").count():
+        page.get_by_role("button", name="Clear faults").click()
+        expect(page.locator("[data-tile=Faults]")).to_contain_text("none")
+    if page.get_by_role("button", name="Arm …").is_enabled():
+        arm(page)
+
+
 def runs(page: Page) -> None:
     """Armed and running. A machine that kept the page's heart waiting for 0.4 s has let go: then once more."""
     panel = page.locator(".drive-panel")
     for _ in range(20):
-        if page.locator("[data-tile=Faults] .bad").count():
-            page.get_by_role("button", name="Clear faults").click()
-            expect(page.locator("[data-tile=Faults]")).to_contain_text("none")
-        if page.get_by_role("button", name="Arm …").is_enabled():
-            arm(page)
+        ready(page)
         page.evaluate(
             """() => {
                 const number = document.querySelector('.drive-panel input[type=number]');
@@ -163,6 +168,26 @@ def test_a_replay_says_so_and_seeks(page: Page, server: Server) -> None:
     assert findings(page) == []
     page.get_by_role("button", name="Leave").click()
     expect(page.locator(".replay-bar")).to_be_hidden()
+
+
+def test_a_calibration_is_led(robot: Page) -> None:
+    """Step by step to what it found, with two speeds in the place of three."""
+    robot.get_by_role("button", name="Read all").click()
+    robot.get_by_label("calibrate_steps", exact=True).fill("2")
+    robot.keyboard.press("Enter")
+    expect(robot.get_by_text("not at their default: calibrate_steps")).to_be_visible()
+    steps = robot.locator(".led li")
+    for _ in range(20):  # as `runs`
+        ready(robot)
+        with suppress(AssertionError):
+            robot.get_by_role("button", name="Calibrate").click(timeout=5000)
+            expect(steps.nth(1)).to_contain_text("of 2 finished", timeout=5000)
+            expect(steps.nth(0)).to_have_class("good")
+            expect(steps.nth(2)).to_contain_text(re.compile(r"Found: \d.* mN m"), timeout=40_000)
+            break
+    else:
+        raise AssertionError(robot.locator(".drive-panel").text_content())
+    expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")
 
 
 def commands(page: Page) -> int:

@@ -123,6 +123,35 @@ def test_all_controllers_on_a_bus_and_one_of_them(page: Page, server: Server) ->
     expect(nodes).to_be_hidden()
 
 
+def test_a_signal_is_dragged_into_the_charts_and_the_layout_kept(page: Page, server: Server) -> None:
+    """By name, in this browser: a reload knows it, and it brings back what was drawn."""
+    assert server.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
+    page.get_by_role("link", name="Live").click()
+    page.get_by_label("Filter signals").fill("duty|slip$")
+    box = page.get_by_label("Plot ACTUATE.duty")
+    expect(box).not_to_be_checked()
+    page.get_by_role("row", name="ACTUATE.duty").hover()
+    page.mouse.down()
+    charts = page.locator(".strip-charts").bounding_box()
+    assert charts is not None
+    page.mouse.move(charts["x"] + 200, charts["y"] + 200, steps=5)
+    page.mouse.up()
+    expect(box).to_be_checked()
+    page.get_by_label("Seconds shown").select_option("60")
+    page.get_by_label("Name of the layout").fill("with duty")
+    page.get_by_role("button", name="Keep the layout").click()
+    page.reload()
+    page.get_by_label("Filter signals").fill("duty|slip$")
+    box.uncheck()
+    page.get_by_label("Layout", exact=True).select_option("with duty")
+    expect(box).to_be_checked()
+    expect(page.get_by_label("Seconds shown")).to_have_value("60")
+    assert serious(page) == []
+    page.get_by_role("button", name="Drop the layout").click()
+    expect(page.get_by_label("Layout", exact=True)).to_have_text("layout …")
+    page.get_by_role("button", name="Leave").click()
+
+
 BARS = """async ([points, begin, end, width, steps]) => {
     const { Ring, columns, bars } = await import('/static/strip.js');
     const ring = new Ring();

@@ -14,14 +14,21 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from serving import Server
 
 
-def drag(page: Page, canvas: Locator, begin: tuple[float, float], end: tuple[float, float]) -> None:
-    """From and to shares of a canvas."""
+def drag(
+    page: Page,
+    canvas: Locator,
+    begin: tuple[float, float],
+    end: tuple[float, float],
+    by: tuple[tuple[float, float], ...] = (),
+) -> None:
+    """From and to shares of a canvas, by way of others."""
     box = canvas.bounding_box()
     assert box is not None
-    places = [(box["x"] + u * box["width"], box["y"] + v * box["height"]) for u, v in (begin, end)]
+    places = [(box["x"] + u * box["width"], box["y"] + v * box["height"]) for u, v in (begin, *by, end)]
     page.mouse.move(*places[0])
     page.mouse.down()
-    page.mouse.move(*places[1], steps=3)
+    for place in places[1:]:
+        page.mouse.move(*place, steps=3)
     page.mouse.up()
 
 
@@ -58,6 +65,13 @@ def test_zoom_select_and_save(page: Page, tmp_path: Path) -> None:
     assert len(rows) == 1 + count  # those that are picked out, also in the other plot
     assert rows[0][0] == "run"
     assert float(rows[1][4]) == pytest.approx((float(rows[1][2]) - float(rows[1][3])) / 1.5e-3, rel=1e-3)
+    lasso = page.get_by_role("button", name="Model and measurement: dragging picks the rows within a line out")
+    lasso.click()
+    drag(page, canvas, (0.1, 0.02), (0.5, 0.85), by=((0.5, 0.02),))  # a triangle: half of the box
+    expect(picked).not_to_contain_text(f"{count} rows")
+    some = int((picked.text_content() or "").split()[0])
+    assert 0 < some < count
+    lasso.click()
 
     picture = saved(page, "Model and measurement: save as SVG", tmp_path / "plot.svg")
     words = [text.text for text in ElementTree.parse(picture).iter("{http://www.w3.org/2000/svg}text")]

@@ -35,6 +35,8 @@ PLACES = [("#workbench", first), ("#workbench/heated_motor", case), ("#simulate"
 @pytest.mark.parametrize(("place", "ready"), PLACES, ids=["first", "case", "simulate", "live"])
 def test_tour(page: Page, server: Server, place: str, ready: Callable[[Page], None]) -> None:
     server.ask("POST", "/api/examples/heated_motor")
+    if ready is case:  # with all its panels
+        server.wait(server.start("heated_motor", do="discover"))
     page.set_viewport_size({"width": 390, "height": 844})
     page.goto(server.line + place)
     page.reload()

@@ -1,11 +1,10 @@
 // The Live tab: one source that the server watches; every browser sees the same. Pause, filter and the choice of signals
 // are this browser's own.
 import { h, lineOf } from './app.js';
-import { Bus } from './live/bus.js';
+import { Bus, Nodes } from './live/bus.js';
 import { Drive } from './live/drive.js';
-import { Events } from './live/events.js';
-import { Faults } from './live/faults.js';
-import { Nodes } from './live/nodes.js';
+import { Events, Faults } from './live/events.js';
+import { Layouts } from './live/layouts.js';
 import { Parameters } from './live/parameters.js';
 import { Recorder } from './live/record.js';
 import { Replay } from './live/replay.js';
@@ -66,9 +65,8 @@ class Live {
     this.counts = h('p', { class: 'soft small counts' });
     this.cursorSaid = h('span', { class: 'soft small' });
     element.append(h('h1', { class: 'visually-hidden', text: 'Live' }), this.source.element, this.notice, this.replay.element, this.faults.element, this.nodes.element, this.tiles.element,
-      h('div', { class: 'live-grid' }, this.chartPanel(place),
-        h('div', { class: 'side' }, this.stop.element, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element)),
-      this.parameters.element, this.signals.element);
+      h('div', { class: 'live-grid' }, h('div', { class: 'live-left' }, this.chartPanel(place), this.signals.element, this.parameters.element),
+        h('div', { class: 'side' }, this.stop.element, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element)));
     element.addEventListener('keydown', (event) => {
       if (event.key === ' ' && event.target === this.strip.canvas) { event.preventDefault(); this.setPaused(this.strip.paused === null); }
     });
@@ -79,8 +77,14 @@ class Live {
     const seconds = h('select', { 'aria-label': 'Seconds shown', onchange: () => { this.strip.seconds = Number(seconds.value); } }, ...SECONDS.map((s) => h('option', { value: String(s), text: `${s} s`, selected: s === 15 })));
     const markText = h('input', { type: 'text', value: 'mark', maxlength: '60', 'aria-label': 'Words of the mark' });
     const mark = h('button', { type: 'button', text: 'Mark', onclick: () => this.command({ request: 'mark', text: markText.value || 'mark' }) });
+    const layouts = new Layouts(() => ({ signals: this.chosen, seconds: this.strip.seconds }), (layout) => {
+      seconds.value = String(layout.seconds);
+      this.strip.seconds = layout.seconds;
+      this.choose(layout.signals);
+      this.signals.list();
+    });
     return h('section', { class: 'panel' },
-      h('div', { class: 'panel-head' }, h('h2', { text: 'Signals over time' }), this.cursorSaid, h('div', { class: 'choices' }, markText, mark, seconds, this.pause)),
+      h('div', { class: 'panel-head' }, h('h2', { text: 'Signals over time' }), this.cursorSaid, h('div', { class: 'choices' }, layouts.element, markText, mark, seconds, this.pause)),
       place, this.counts);
   }
 
@@ -181,9 +185,14 @@ class Live {
   /** Draw a signal, or do so no more. @param {string} name @param {HTMLInputElement} box */
   pick(name, box) {
     if (box.checked && this.chosen.filter((n) => this.telemetry.index.has(n)).length >= MOST) { box.checked = false; this.tell(`At most ${MOST} signals are drawn at a time.`); return; }
-    this.chosen = box.checked ? [...this.chosen, name] : this.chosen.filter((n) => n !== name);
-    localStorage.setItem(KEY, JSON.stringify(this.chosen));
-    this.signals.chosen = this.chosen;
+    this.choose(box.checked ? [...this.chosen, name] : this.chosen.filter((n) => n !== name));
+  }
+
+  /** @param {string[]} names of the signals that are drawn from now on */
+  choose(names) {
+    this.chosen = names;
+    localStorage.setItem(KEY, JSON.stringify(names));
+    this.signals.chosen = names;
     this.want();
   }
 

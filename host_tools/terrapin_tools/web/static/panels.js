@@ -319,13 +319,13 @@ export function below(page, view) {
     h('p', { class: 'soft small', text: `${view.noise}.` }));
   const found = [parameters, errors, .../** @type {HTMLElement[]} */ ([heldOut(page, view), constants(page, view)].filter(Boolean))];
   if (view.front.length) found.unshift(h('section', { class: 'panel' }, h('h2', { text: 'Short answers first' }),
-    h('table', {}, h('thead', {}, h('tr', {}, ['terms', '', 'training', 'held out', '', 'probability'].map((text, i) => h('th', { class: i === 1 || i === 4 ? '' : 'n', text })))),
-      h('tbody', {}, view.front.map((one) => h('tr', {}, h('td', { class: 'n', text: `${one.terms}` }), h('td', { class: 'wrap', text: one.name }),
+    h('table', {}, h('thead', {}, h('tr', {}, ['what is added', 'training', 'held out', 'probability'].map((text, i) => h('th', { class: i ? 'n' : '', text })))),
+      h('tbody', {}, view.front.map((one) => h('tr', {}, h('td', { text: one.name }),
         h('td', { class: 'n', text: one.training }), h('td', { class: 'n', text: one.held_out }),
-        h('td', {}, h('progress', { class: 'bar', max: '1', value: Math.min(1, one.share), 'aria-label': `error left with ${one.name}` })), h('td', { class: 'n', text: one.probability }))))),
+        h('td', { class: 'n', text: one.probability }))))),
     h('p', { class: 'soft small', text: 'Errors in noise sd; probability to be all that is missing.' })));
   if (view.chances.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'What these runs can show' }),
-    h('table', {}, h('tbody', {}, view.chances.map(([what, often]) => h('tr', {}, h('td', { text: what }), h('td', { class: 'n', text: often })))))));
+    h('table', {}, h('tbody', {}, view.chances.map(([what, often]) => h('tr', {}, h('td', { text: what }), h('td', { text: often })))))));
   if (view.history.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'History' }),
     h('ol', { class: 'small' }, view.history.slice(-12).map((one) => h('li', {}, `${one.action} `, h('b', { text: one.effects.join(' + ') }), `: held out ${number(one.before.heldout_error, 3)} → ${number(one.after.heldout_error, 3)}`)))));
   if (view.curve) found.unshift(h('section', { class: 'panel' }, h('h2', { text: 'A curve that has no formula here' }), h('div', { html: view.curve })));

@@ -32,7 +32,7 @@ class Simulate {
     this.other = h('select', { 'aria-label': 'Another run over this one', onchange: () => this.overlay() });
     element.append(h('h1', { class: 'visually-hidden', text: 'Simulate' }), h('div', { class: 'sim-grid' }, this.form.panel(this.start),
       h('div', { class: 'plots' }, this.notice, this.bar, ...this.player.panels(this.other),
-        h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element, this.batches.element))));
+        h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element), this.batches.element)));
     app.onEvent((event) => this.event(event));
   }
 

@@ -1,5 +1,9 @@
-// Load and health of the bus.
+// Load and health of the bus; and all controllers on it, when there are several: how each stands, and a button to watch
+// another one.
 import { h } from '../app.js';
+
+/** @type {['MOTION.slip' | 'GROUND.torque' | 'ELECTRICAL.current', string, number][]} */
+const COLUMNS = [['MOTION.slip', 'slip', 2], ['GROUND.torque', 'C_t, N m', 3], ['ELECTRICAL.current', 'current, A', 2]];
 
 export class Bus {
   constructor() {
@@ -24,5 +28,40 @@ export class Bus {
       ...(now.unknown.length ? [line(`unknown: ${now.unknown.slice(0, 6).map(([id, n]) => `${id} (${n})`).join(', ')}`, 'warn')] : [])];
     const said = parts.map((p) => p.className + p.textContent).join('\n');
     if (said !== this.said) { this.said = said; this.health.replaceChildren(...parts); }
+  }
+}
+
+export class Nodes {
+  /** @param {(node: number) => void} watch */
+  constructor(watch) {
+    this.watch = watch;
+    /** @type {Map<number, { row: HTMLElement, cells: HTMLElement[] }>} */
+    this.rows = new Map();
+    this.body = h('tbody');
+    this.element = h('section', { class: 'panel nodes', hidden: true }, h('div', { class: 'panel-head' }, h('h2', { text: 'Controllers on this bus' })),
+      h('table', {}, h('thead', {}, h('tr', {}, ...['node', 'state', ...COLUMNS.map(([, title]) => title), 'shown'].map((text) => h('th', { scope: 'col', text })))), this.body));
+  }
+
+  clear() { this.rows.clear(); this.body.replaceChildren(); this.element.hidden = true; }
+
+  /** @param {Status} now */
+  draw(now) {
+    this.element.hidden = now.nodes.length < 2;
+    if (now.nodes.map((line) => line.node).join() !== [...this.rows.keys()].join()) this.list(now.nodes);
+    for (const line of now.nodes) {
+      const texts = [line.said || '-', ...COLUMNS.map(([name, , digits]) => line[name]?.toFixed(digits) ?? '-')];
+      this.rows.get(line.node)?.cells.forEach((cell, place) => { if (cell.textContent !== texts[place]) cell.textContent = texts[place]; });
+    }
+  }
+
+  /** @param {NodeLine[]} lines */
+  list(lines) {
+    this.rows.clear();
+    for (const line of lines) {
+      const cells = ['said', ...COLUMNS].map(() => h('td'));
+      const choice = line.watched ? h('span', { class: 'soft', text: 'watched' }) : h('button', { type: 'button', text: 'Watch', 'aria-label': `Watch node ${line.node}`, onclick: () => { this.watch(line.node); } });
+      this.rows.set(line.node, { cells, row: h('tr', {}, h('th', { scope: 'row', text: String(line.node) }), ...cells, h('td', {}, choice)) });
+    }
+    this.body.replaceChildren(...[...this.rows.values()].map(({ row }) => row));
   }
 }

@@ -9,7 +9,7 @@ export class Calibration {
     this.over = over;
     this.begun = this.ended = false;
     this.steps = ['Stand it on a hard, level floor with a few metres free before it; set the sign of the setpoint to the way it is to roll.', '', ''].map((text) => h('li', { text }));
-    this.element = h('div', { hidden: true }, h('b', { class: 'small', text: 'Calibration' }), h('ol', { class: 'small led', role: 'status' }, this.steps));
+    this.element = h('div', { hidden: true }, h('b', { class: 'small', text: 'Calibration' }), h('div', { role: 'status' }, h('ol', { class: 'small led' }, this.steps)));
   }
 
   /** It was asked for. */
@@ -30,10 +30,10 @@ export class Calibration {
   /** The step that is under way. @param {number} place */
   mark(place) { this.steps.forEach((step, i) => { step.className = i < place ? 'good' : i > place ? 'soft' : ''; if (i === place) step.setAttribute('aria-current', 'step'); else step.removeAttribute('aria-current'); }); }
 
-  /** @param {Telemetry} telemetry */
-  draw(telemetry) {
+  /** @param {Telemetry} telemetry @param {number | undefined} set how many speeds were read from the controller, else as many as it begins with */
+  draw(telemetry, set) {
     if (this.element.hidden || this.ended) return;
-    const state = telemetry.word('STATUS.state'), done = telemetry.value('CALIBRATION.step') ?? 0, all = telemetry.hello?.speeds;
+    const state = telemetry.word('STATUS.state'), done = telemetry.value('CALIBRATION.step') ?? 0, all = set ?? telemetry.hello?.speeds;
     if (state === 'calibrate') {
       this.begun = true;
       this.told(1, `It rolls at one speed after the other: ${done} of ${all ?? 'some'} finished. Space stops.`);

@@ -15,7 +15,7 @@ const WHY = {
 const RANGES = { speed: [1, 0.01], voltage: [12, 0.1] }; // of the slider, and its step
 
 export class Drive {
-  /** @param {LiveDesk & { telemetry: import('./telemetry.js').Telemetry, command(body: object): Promise<any>, setPaused(on: boolean): void, strip: { paused: number | null } }} desk */
+  /** @param {LiveDesk & { telemetry: import('./telemetry.js').Telemetry, command(body: object): Promise<any>, setPaused(on: boolean): void, strip: { paused: number | null }, parameters: import('./parameters.js').Parameters }} desk */
   constructor(desk) {
     this.desk = desk;
     this.page = this.kind = '';
@@ -135,9 +135,10 @@ export class Drive {
     this.arm.disabled = !this.can || this.mine || other || now.stop_held || now.state !== 'live';
     this.clear.disabled = !this.can || now.stop_held || now.state !== 'live';
     const text = !this.can ? '' : other ? 'Another page drives. Stop works here all the same.' : now.stop_held ? 'Stopped. Release the stop, then arm again.'
+      : this.mine && now.faults.length ? `Nothing moves while a fault is set: ${now.faults.map((f) => f.name).join(', ')}. Mend its cause, then Clear faults.`
       : this.mine && drive ? `${drive.leaving ? 'halting' : drive.request} ${drive.setpoint.toFixed(2)}${unit(drive.control === 'voltage' ? 'V' : 'm/s')}; ${drive.sent} commands sent. Space stops.` : '';
     if (this.said.textContent !== text) this.said.textContent = text;
-    this.led.draw(this.desk.telemetry);
+    this.led.draw(this.desk.telemetry, this.desk.parameters.known.find((p) => p.name === 'calibrate_steps')?.value);
     this.element.classList.toggle('armed', this.mine);
   }
 }

@@ -55,8 +55,7 @@ export class CasePlots {
     this.besideName = h('h2');
     this.besidePanel = h('section', { class: 'panel beside', hidden: true }, h('div', { class: 'panel-head' }, this.besideName, h('span', { class: 'choices' }, this.beside.overlay.tools())), besideOverlay, besideResidual);
     this.overlayPanel = h('section', { class: 'panel' },
-      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices, this.overlay.tools()), overlay, h('div', { class: 'soft small', role: 'status' }, this.picks, this.thinned));
-    overlay.append(this.axis); // the choice of variable stands where the name of the axis would
+      h('div', { class: 'panel-head' }, h('h2', { text: 'Model and measurement' }), this.keys, this.choices, this.overlay.tools()), overlay, this.axis, h('div', { class: 'soft small', role: 'status' }, this.picks, this.thinned));
     this.residualPanel = h('section', { class: 'panel' },
       h('div', { class: 'panel-head' }, h('h2', { text: 'Residual' }), h('span', { text: 'shaded: 95 % of the noise' }), this.range,
         h('span', { class: 'choices' }, this.tableButton(), this.residual.tools())), residual);

@@ -17,8 +17,8 @@ const STEPS = { ArrowRight: 1, ArrowLeft: -1, PageDown: 10, PageUp: -10 }; // ro
 // ---------------------------------------------------------------- canvas plot
 
 /**
- * What a plot shows is its PlotSpec (types.d.ts). Dragged over, it zooms in; with Shift, or after Select, it picks rows out
- * and tells `onselect`. Double click and 0 show all again, + and - zoom, Shift with the arrows moves.
+ * What a plot shows is its PlotSpec (types.d.ts). Dragged over, it zooms in; with Shift, or after Select or Lasso, it picks
+ * rows out and tells `onselect`. Double click and 0 show all again, + and - zoom, Shift with the arrows moves.
  */
 export class Plot {
   /** @param {HTMLElement} host @param {string} name */
@@ -47,7 +47,10 @@ export class Plot {
     this.timer = undefined;
     /** @type {{ u: number, v: number } | null} */
     this.from = null; // where the mouse was pressed
-    this.selecting = false;
+    /** @type {{ u: number, v: number }[]} */
+    this.way = []; // from there on
+    /** @type {'' | 'box' | 'lasso'} */
+    this.selecting = ''; // how dragging picks rows out
     this.log = { x: false, y: false }; // which axes are logarithmic
     this.name = name;
     this.host = host;
@@ -154,6 +157,7 @@ export class Plot {
   press(event) {
     if (event.button !== 0 || event.pointerType === 'touch') return; // a finger scrolls the page
     this.from = this.where(event);
+    this.way = [this.from];
     this.canvas.setPointerCapture(event.pointerId);
     this.point(null);
   }
@@ -172,32 +176,32 @@ export class Plot {
 
   /** @param {PointerEvent} event */
   drag(event) {
-    const found = this.dragged(event);
+    const found = this.dragged(event), lasso = this.selecting === 'lasso';
     this.frameOf.hidden = !found;
-    if (found) Object.assign(this.frameOf.style, { left: `${found.us[0]}px`, top: `${found.vs[0]}px`, width: `${found.us[1] - found.us[0]}px`, height: `${found.vs[1] - found.vs[0]}px` });
+    this.way.push(this.where(event));
+    if (lasso) Object.assign(this.frameOf.style, { inset: '0', width: '', height: '', clipPath: `polygon(${this.way.map(({ u, v }) => `${u}px ${v}px`).join(',')})` });
+    else if (found) Object.assign(this.frameOf.style, { inset: '', left: `${found.us[0]}px`, top: `${found.vs[0]}px`, width: `${found.us[1] - found.us[0]}px`, height: `${found.vs[1] - found.vs[0]}px`, clipPath: '' });
   }
 
   letGo() { this.from = null; this.frameOf.hidden = true; }
 
   /** @param {PointerEvent} event */
   release(event) {
-    const found = this.dragged(event), { map } = this;
+    const found = this.dragged(event), { map, way } = this;
     this.letGo();
-    if (!found || !map) return;
-    if (this.selecting || event.shiftKey) this.choose(found.us, found.vs);
+    if (this.selecting === 'lasso' && way.length > 2) this.choose((u, v) => inside(way, u, v));
+    else if (!found || !map) return;
+    else if (this.selecting || event.shiftKey) this.choose((u, v) => u >= found.us[0] && u <= found.us[1] && v >= found.vs[0] && v <= found.vs[1]);
     else {
       this.zoom({ x: found.us.map(map.x), y: [map.y(found.vs[1]), map.y(found.vs[0])] });
     }
   }
 
-  /** Pick out the rows that are drawn within a box. @param {number[]} us @param {number[]} vs */
-  choose(us, vs) {
+  /** Pick out the rows that are drawn within. @param {(u: number, v: number) => boolean} within whether a place of the plot [px] is */
+  choose(within) {
     const { map, spec } = this;
     if (!map || !spec) return;
-    const rows = new Set(spec.points.flatMap((one) => one.rows.filter((i) => {
-      const u = map.X(spec.x.values[i]), v = map.Y(one.values[i]);
-      return u >= us[0] && u <= us[1] && v >= vs[0] && v <= vs[1];
-    })));
+    const rows = new Set(spec.points.flatMap((one) => one.rows.filter((i) => within(map.X(spec.x.values[i]), map.Y(one.values[i])))));
     this.onselect(rows.size ? [...rows] : null);
   }
 
@@ -283,12 +287,14 @@ export class Plot {
   tools() {
     /** @param {string} text @param {string} title @param {() => void} onclick */
     const button = (text, title, onclick) => h('button', { type: 'button', class: 'quiet', title: `${this.name}: ${title}`, 'aria-label': `${this.name}: ${title}`, text, onclick });
-    const select = button('Select', 'drag picks rows out instead of zooming', () => {
-      this.selecting = !this.selecting;
-      select.setAttribute('aria-pressed', String(this.selecting));
-    });
-    select.setAttribute('aria-pressed', 'false');
-    return h('span', { class: 'tools' }, select, button('All', 'show all, pick none out', () => { this.zoom(null); this.onselect(null); }),
+    /** @type {['box' | 'lasso', string, string][]} */
+    const ways = [['box', 'Select', 'dragging picks the rows in a box out instead of zooming'], ['lasso', 'Lasso', 'dragging picks the rows within a line out']];
+    const chosen = ways.map(([way, text, title]) => button(text, title, () => {
+      this.selecting = this.selecting === way ? '' : way;
+      chosen.forEach((one, i) => one.setAttribute('aria-pressed', String(ways[i][0] === this.selecting)));
+    }));
+    for (const one of chosen) one.setAttribute('aria-pressed', 'false');
+    return h('span', { class: 'tools' }, chosen, button('All', 'show all, pick none out', () => { this.zoom(null); this.onselect(null); }),
       button('PNG', 'save as PNG', () => this.canvas.toBlob((blob) => { if (blob) save(blob, this.file('png')); })),
       button('SVG', 'save as SVG, for a paper', () => save(new Blob([this.svg()], { type: 'image/svg+xml' }), this.file('svg'))),
       button('CSV', 'save its rows as CSV', () => save(new Blob([this.csv()], { type: 'text/csv' }), this.file('csv'))));
@@ -340,6 +346,14 @@ export class Plot {
     const quoted = (cell) => (typeof cell === 'string' && /[",\n]/.test(cell) ? `"${cell.replaceAll('"', '""')}"` : String(cell ?? ''));
     return [columns, ...rows.filter((_, i) => !selected || selected.has(i))].map((row) => row.map(quoted).join(',')).join('\n') + '\n';
   }
+}
+
+/** Whether a place lies within a closed line: crossed an odd number of times on the way out. @param {{ u: number, v: number }[]} line @param {number} u @param {number} v */
+function inside(line, u, v) {
+  return line.filter((a, i) => {
+    const b = line[(i + 1) % line.length];
+    return a.v > v !== b.v > v && u < a.u + (b.u - a.u) * (v - a.v) / (b.v - a.v);
+  }).length % 2 === 1;
 }
 
 /** Hand a file to the browser. @param {Blob} blob @param {string} name */

@@ -92,7 +92,7 @@ export class Batches {
     /** @type {BatchLine[] | null} */
     const found = await attempt(() => app.api('batches'));
     if (!found) return;
-    this.rows.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['Batch', 'Runs', 'Failed', '', ''].map((text) => h('th', { scope: 'col', text })))),
+    this.rows.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['Batch', 'Runs', 'Failed', 'Report', 'Remove'].map((text) => h('th', { scope: 'col', text })))),
       h('tbody', {}, ...found.map((one) => this.row(one)))) : h('p', { class: 'soft', text: 'No batches yet.' }));
     if (!found.some((one) => one.name === this.chosen)) this.chosen = found[0]?.name ?? null; // the newest
     if (this.chosen && found.some((one) => one.name === this.chosen)) await this.draw(this.chosen);
