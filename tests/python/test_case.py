@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import doctest
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -44,6 +45,45 @@ def test_columns_can_be_ignored(tmp_path: Path) -> None:
         wrong = text.replace('ignore = ["humidity"]', f'ignore = ["{name}"]')
         with pytest.raises(UserError, match=rf"case.toml:\d+: data.ignore: column '{name}' {why}, expected one of "):
             load_case(rolling(tmp_path / name, 1, text=wrong))
+
+
+def test_a_column_that_one_file_alone_has_is_not_looked_at(tmp_path: Path) -> None:
+    text = ROLLING.replace('files = ["runs.csv"]', 'files = ["runs.csv", "more.csv"]')
+    case = rolling(tmp_path, 1, text=text)
+    head, _, rows = (case / "runs.csv").read_text().partition("\n")
+    for kept in ("runs.csv", "more.csv"):
+        other = "runs.csv" if kept == "more.csv" else "more.csv"
+        (case / kept).write_text(f"{head}\n{rows}")
+        (case / other).write_text(f"{head.replace('humidity', 'other')}\n{rows}")
+        assert load_case(case).extra == {}
+        assert load_case(case).rows == 2 * 120
+
+
+def test_an_effect_of_ones_own_is_written_with_its_bounds_and_units() -> None:
+    """The bounds are what the user knows of a parameter: without them a fit would leave what is possible."""
+    parameters = {
+        "k": changes.OwnParameter(0.5, 0.0, 2.0, "N m"),
+        "c": changes.OwnParameter(1.0, minimum=-1.0),
+        "d": changes.OwnParameter(3.0, maximum=0.0),
+    }
+    own = {
+        "drag": changes.OwnEffect("k * tanh(c * omega) + d", "torque", parameters),
+        "plain": changes.OwnEffect("0*omega", None),
+    }
+    text = changes.add_effects(ROLLING, ["drag", "plain"], own)
+    written = tomllib.loads(text)
+    assert written["model"]["effects"] == ["drag", "plain"]
+    assert written["effect"] == {
+        "drag": {
+            "expression": "k * tanh(c * omega) + d",
+            "target": "torque",
+            "k": {"value": 0.5, "min": 0.0, "max": 2.0, "unit": "N m"},
+            "c": {"value": 1.0, "min": -1.0},
+            "d": {"value": 3.0, "max": 0.0},
+        },
+        "plain": {"expression": "0*omega"},
+    }
+    assert all(line in text for line in ROLLING.splitlines() if "#" in line and "effects" not in line)
 
 
 def test_every_fifth_run_is_held_out_unless_the_case_says_otherwise(tmp_path: Path) -> None:

@@ -16,7 +16,9 @@ from terrapin_hil.physics.mechanics import ROLES, mechanics
 from terrapin_hil.physics.signals import play, played
 from terrapin_hil.units import read_unit
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case import columns
 from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
 
@@ -313,6 +315,19 @@ def test_several_channels_and_parameters_are_named(tmp_path: Path) -> None:
     )
     assert case.library["coulomb_friction_on_torque_2"].target == "torque_2"
     assert "coulomb_friction" not in case.library
+
+
+def test_what_is_measured_tells_no_role_by_its_unit() -> None:
+    """Of what the equations predict, an effect would explain the measurement by itself."""
+
+    def column(name: str, unit: str, channel: bool = False, role: str = "") -> columns.Mapped:
+        return columns.Mapped(name, name, unit, unit, 0.1, channel, role, Mend())
+
+    speed, measured, input_ = column("v", "rad/s", role="speed"), column("a", "K", channel=True), column("b", "K")
+    assert columns._told([speed, measured, input_]) == {"speed": "v", "temperature": "b"}
+    assert columns._told([speed, measured]) == {"speed": "v"}
+    assert columns._told([column("w", "rad/s"), speed]) == {"speed": "v"}
+    assert columns._told([column("w", "rad/s"), input_]) == {}  # nobody told any
 
 
 def test_a_force_keeps_the_spelling_of_the_channels_unit(tmp_path: Path) -> None:

@@ -189,6 +189,9 @@ def test_a_column_is_read_as_case_toml_asks(tmp_path: Path) -> None:
     assert moved.rows_left_out == 2 * RUNS
     np.testing.assert_allclose(moved.roles["omega"][: ROWS - 2], table["omega"][2:ROWS])
     np.testing.assert_allclose(moved.channels["current"][: ROWS - 2], table["current"][: ROWS - 2])
+    every = read('factor = -2.0, sign_of = "current", delay = 2')
+    signed = abs(table["omega"][2:ROWS]) * np.sign(table["current"][: ROWS - 2])
+    np.testing.assert_allclose(every.roles["omega"][: ROWS - 2], -2.0 * signed)
     for entry, expected in {
         "factor = 0": "found 0, expected a factor other than 0",
         'sign_of = "load"': "found 'load', expected one of current",

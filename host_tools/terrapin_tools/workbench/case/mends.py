@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index
-from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.files.toml_tables import Tables
 
 __all__ = ["Mend", "earlier", "mended", "read_mend", "told_mends"]
@@ -30,8 +29,6 @@ class Mend:
 
 def read_mend(tables: Tables, path: tuple[str, ...]) -> Mend:
     """factor, sign_of and delay of an entry. UserError when one is nothing that a column can be mended with."""
-    if not any(tables.get(*path, key) is not None for key in MENDS):
-        return Mend()
     factor = 1.0 if tables.get(*path, "factor") is None else tables.number("1", *path, "factor")
     if factor == 0.0:
         raise tables.complain("found 0, expected a factor other than 0", *path, "factor")
