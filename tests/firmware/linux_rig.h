@@ -46,7 +46,7 @@ static char outputs_set[64]; /* E, D: enable, direction active, e, d: inactive; 
 static char opened[64];      /* first letters of what was asked for */
 static char refused;         /* that one of them which cannot be had */
 static gpio_line *offered;   /* what any line is, when it can be had */
-static bool pwm_refuses, enable_refuses;
+static bool pwm_refuses, zero_refuses, enable_refuses;
 static bool bridge_forbidden;
 static int modes_to_change; /* commands of test mode that come */
 static int stops_kept, frames_sent, reopened;
@@ -135,7 +135,7 @@ bool pwm_open(pwm_output *pwm, const char *folder) {
 bool pwm_set(pwm_output *pwm, int16_t duty_q15) {
     (void)pwm;
     note_output((char)((duty_q15 > 0) ? '+' : ((duty_q15 < 0) ? '-' : '0')));
-    return !pwm_refuses || (duty_q15 == 0);
+    return (duty_q15 == 0) ? !zero_refuses : !pwm_refuses;
 }
 void pwm_close(pwm_output *pwm) {
     (void)pwm;

@@ -452,6 +452,7 @@ static void open_adc(void) {
     TEST_ASSERT_EQUAL_HEX32(10U | (11U << 5U) | (12U << 10U), adc.SQR3);
     TEST_ASSERT_EQUAL_HEX32(2U << 20U, adc.SQR1);
     TEST_ASSERT_TRUE((dma.stream[0].CR & DMA_CR_EN) != 0U);
+    TEST_ASSERT_EQUAL_HEX32(0xFFFFFFFFU, relay.ARR); /* at 0 the counter is blocked: RM0090, 18.3.1 */
 }
 
 static void test_adc_sampling_times_of_all_channels(void) {

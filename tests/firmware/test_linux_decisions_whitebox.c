@@ -18,7 +18,7 @@ void setUp(void) {
     outputs_set[0] = '\0';
     refused = '\0';
     offered = &enable;
-    pwm_refuses = enable_refuses = bridge_forbidden = false;
+    pwm_refuses = zero_refuses = enable_refuses = bridge_forbidden = false;
     modes_to_change = stops_kept = frames_sent = reopened = 0;
     idle_at = -1;
     wanted = (controller_options){.debounce_ms = 20U};
@@ -77,6 +77,24 @@ static void test_an_output_that_cannot_be_set_ends_it_with_all_off(void) {
             TEST_ASSERT_NULL_MESSAGE(strchr(outputs_set, 'E'), "not enabled at a duty that was not set");
         }
     }
+}
+
+/* The duty of one direction, that could not be taken away, must not drive in the other. */
+static void test_a_turn_whose_duty_does_not_go_ends_it(void) {
+    volatile bool backward = true;
+    gpio_line direction = {.output = &backward, .letter = 'D'};
+    c.direction = &direction;
+    c.backward = true;
+    c.driving = true;
+    *enable_output = true;
+    c.outputs.enable = true;
+    c.outputs.duty_q15 = 500;
+    zero_refuses = true;
+    apply(&c);
+    TEST_ASSERT_TRUE(c.broken);
+    TEST_ASSERT_FALSE(*enable_output);
+    TEST_ASSERT_FALSE(c.driving);
+    c.direction = NULL;
 }
 
 static void test_an_emergency_needs_no_step(void) {
@@ -459,6 +477,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_the_bridge_is_on_when_all_allow_it);
     RUN_TEST(test_an_output_that_cannot_be_set_ends_it_with_all_off);
+    RUN_TEST(test_a_turn_whose_duty_does_not_go_ends_it);
     RUN_TEST(test_an_emergency_needs_no_step);
     RUN_TEST(test_every_fatal_signal_puts_the_bridge_off);
     RUN_TEST(test_the_release_waits_for_its_time_without_a_break);
