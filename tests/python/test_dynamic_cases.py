@@ -10,12 +10,14 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from terrapin_hil.physics.dynamic import simulate
+from terrapin_hil.physics.bodies import bodies
+from terrapin_hil.physics.dynamic import NEIGHBOURS, Plan, simulate
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.vehicle import profile_torque
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
-from terrapin_tools.workbench.model.fitting import covariance
+from terrapin_tools.workbench.model.fitting import _Problem, covariance
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.kinds import NODES
 from tests.python.casekit import terrapin
@@ -139,6 +141,61 @@ def compared(capsys: pytest.CaptureFixture[str], folder: Path) -> dict[str, dict
 
 def near(entry: Mapping[str, float], truth: float, sds: float = 4.0) -> bool:
     return abs(entry["value"] - truth) <= sds * entry["sd"]
+
+
+# what a body needs, what drives it, a small change, and how well it is known: a car's contacts are solved to 1e-9
+DRIVEN: dict[str, tuple[dict[str, float], str, float, float, float]] = {
+    "cmr": ({"f_o": 0.09}, "voltage", 6.0, 1e-7, 1e-5),
+    "pendulum_sphere": ({"f_o": 0.02}, "joint_rate", 1.5, 1e-7, 1e-5),
+    "vehicle": (CAR, "drive_torque", 500.0, 1e-5, 1e-3),
+}
+
+
+@pytest.mark.parametrize("target", ["resistance", "radius"])
+@pytest.mark.parametrize("start", [0.0, 2.0])
+@pytest.mark.parametrize("base", DRIVEN)
+def test_shapes_change_what_a_column_of_them_does(base: str, start: float, target: str) -> None:
+    """What many shapes over time do at once is what each does as an input of its own."""
+    known, drive, size, small, share = DRIVEN[base]
+    target = {"vehicle": "tyre_stiffness"}.get(base, target) if target == "radius" else target
+    time = np.arange(0.0, 1.5, 0.03)
+    inputs = {drive: size * np.clip(1.0 - time, 0.3, 1.0)}
+    shapes = np.column_stack([np.cos(5.0 * time), time, np.ones(time.size), *np.eye(time.size)])
+
+    def plan(expression: str, more: Sequence[str]) -> tuple[Plan, Array]:
+        effect = Effect("e", "", "", "", (base,), (Parameter("k_", "1", 0.0),), (), expression, target)
+        found = Plan(bodies()[base], [effect], [*known, drive, *more])
+        tables = np.tile(found.values(), (2, 1))
+        for name, value in known.items():
+            tables[:, found.slots[name]] = value
+        tables[1, found.own["e"]["k_"]] = small
+        return found, tables
+
+    once, tables = plan("k_", ())
+    each, own = plan("k_*shape_", ("shape_",))
+    changes = once.shaped(tables, time, inputs, start, shapes)
+    assert len(changes) == shapes.shape[1] > NEIGHBOURS
+    for change, shape in zip(changes[:9], shapes.T, strict=False):
+        here, there = each.near(own, time, {**inputs, "shape_": shape}, start)
+        for name, values in change.items():
+            expected = there[name] - here[name]
+            np.testing.assert_allclose(values, expected, atol=share * np.abs(expected).max() + 1e-15)
+    assert max(np.abs(values).max() for values in changes[0].values()) > 1e-11
+
+
+def test_a_start_that_sends_a_body_off_is_brought_back(tmp_path: Path) -> None:
+    case = load_case(cylinder(tmp_path / "case", {}))
+    model = Model.of(case, ["viscous_friction"])
+    measured = np.stack([case.channels[name][case.train] for name in model.channels])
+    problem = _Problem(model.bind(case.inputs, case.train), measured, np.array([0.02, 0.004]), np.inf)
+    absent = problem.residual(np.array([0.092, 0.0]))
+    cost = float(absent @ absent)
+    found = problem.nearer(np.array([0.092, 0.4]), 1, cost)
+    residual = problem.residual(found)
+    assert 0.0 < found[1] <= 0.1
+    assert found[1] == 0.4 / 2**6 or residual @ residual <= 2.0 * cost
+    near = np.array([0.092, 1e-6])
+    assert problem.nearer(near, 1, cost) is near
 
 
 def test_a_complete_model_of_the_cylinder_is_adequate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

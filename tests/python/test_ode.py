@@ -537,7 +537,7 @@ def test_a_small_gain_does_what_its_refit_does(tmp_path: Path) -> None:
     term = Effect("e", "", "", "", ("ode",), (Parameter("k", "1", 0.0),), (), "k*(broth_C - 32)", target="gain_of_X")
     larger = model.having(term).bind(case.inputs, rows)
     change = (larger.predict(np.append(theta, 1e-4)) - larger.predict(np.append(theta, -1e-4))) / 2e-4
-    np.testing.assert_allclose(expected(feature), change, atol=0.02 * np.abs(change).max())  # samples apart
+    np.testing.assert_allclose(expected(feature[None])[0], change, atol=0.02 * np.abs(change).max())  # samples apart
 
 
 def test_an_addition_to_a_definition_loses_to_one_to_a_law(tmp_path: Path) -> None:

@@ -163,16 +163,19 @@ static void flow_derive(void *law, int sample, double share, const double *state
 }
 
 /* The rows of a sample: the run's record, and what the neighbours change. */
-static void note(const neighbourhood *n, int sample, const hil_way *way, double *record, double *change) {
+static void note(const neighbourhood *n, const hil_flow *flow, int sample, const hil_way *way, double *record,
+                 double *change) {
     double *row = &record[(ptrdiff_t)sample * HIL_DYNAMIC_RECORD];
     memcpy(row, way->state, sizeof(double) * HIL_DYNAMIC_STATE);
     row[HIL_DYNAMIC_CHANNEL] = rates(&n->run, sample, 0.0, way->state, &row[HIL_DYNAMIC_STATE]);
     const hil_around *here = &way->point[0];
-    for (int c = 0; c < n->columns; c++) {
+    for (int c = 0; c < flow->columns; c++) {
         double *more = &change[((ptrdiff_t)c * n->run.drive->samples + sample) * HIL_DYNAMIC_RECORD];
         more[HIL_DYNAMIC_STATE] = here->b[RATE][c];
         more[HIL_DYNAMIC_STATE + 1] = here->b[RATE + 1][c];
-        more[HIL_DYNAMIC_CHANNEL] = n->channel_by[c];
+        more[HIL_DYNAMIC_CHANNEL] = flow->shape != NULL
+                                        ? n->channel_by[0] * flow->shape[(ptrdiff_t)sample * flow->columns + c]
+                                        : n->channel_by[c];
         for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
             more[s] = way->by[s][c];
             more[HIL_DYNAMIC_STATE] += here->a[RATE][s] * more[s];
@@ -183,17 +186,19 @@ static void note(const neighbourhood *n, int sample, const hil_way *way, double 
 }
 
 hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const hil_drive_record *drive, int count,
-                               const double *values, const double *start, int columns, double *record, double *change) {
+                               const double *values, const double *start, int columns, const double *shape,
+                               double *record, double *change) {
     assert(count <= HIL_DYNAMIC_VALUES && columns <= HIL_DYNAMIC_COLUMNS);
-    neighbourhood n = {{base, additions, drive, count, values}, columns, {0.0}, {0.0}};
+    neighbourhood n = {{base, additions, drive, count, values}, shape != NULL ? 1 : columns, {0.0}, {0.0}};
     const int jumps = base == HIL_DYNAMIC_PENDULUM; /* the joint's acceleration does */
     const hil_flow flow = {HIL_DYNAMIC_STATE, columns,     drive->time, RELATIVE, ABSOLUTE, BOUND, jumps, &n,
-                           flow_rates,        flow_derive, NULL,        NULL};
+                           flow_rates,        flow_derive, NULL,        NULL,     shape};
     hil_way way;
     hil_flow_begin(&flow, start, &way);
     for (int c = 0; c < columns; c++) {
+        const double *other = &start[(ptrdiff_t)(shape != NULL ? 1 : c + 1) * HIL_DYNAMIC_STATE];
         for (int s = 0; s < HIL_DYNAMIC_STATE; s++) {
-            way.by[s][c] = start[(ptrdiff_t)(c + 1) * HIL_DYNAMIC_STATE + s] - start[s];
+            way.by[s][c] = (other[s] - start[s]) * (shape != NULL ? shape[c] : 1.0);
         }
     }
     way.step = drive->samples > 1 ? drive->time[1] - drive->time[0] : 0.0;
@@ -201,7 +206,7 @@ hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const h
     if (columns > 0) {
         hil_flow_arrive(&flow, 0, &way);
     }
-    note(&n, 0, &way, record, change);
+    note(&n, &flow, 0, &way, record, change);
     for (int k = 0; k + 1 < drive->samples; k++) {
         const hil_ode_end end = hil_flow_interval(&flow, k, &way);
         if (end.kind != HIL_ODE_DONE) {
@@ -210,7 +215,7 @@ hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const h
         if (columns > 0) {
             hil_flow_arrive(&flow, k + 1, &way);
         }
-        note(&n, k + 1, &way, record, change);
+        note(&n, &flow, k + 1, &way, record, change);
     }
     return (hil_ode_end){HIL_ODE_DONE, 0, 0.0, 0};
 }

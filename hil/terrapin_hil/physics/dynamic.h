@@ -36,12 +36,14 @@ typedef struct {
 
 /* Runs from `start` at the first sample on, by steps of flow.h that keep the error of each within 1e-8. `values` (count
  * <= HIL_DYNAMIC_VALUES) holds parameters and constants at their slots. `values` and `start` have a row for the run
- * itself and one for each of `columns` (at most HIL_DYNAMIC_COLUMNS) neighbours.
+ * itself and one for each of `columns` (at most HIL_DYNAMIC_COLUMNS) neighbours; with `shape`, samples x columns and
+ * linear between samples, for one neighbour, whose values differ so many times as much in each column.
  *
  * record: samples x HIL_DYNAMIC_RECORD. change, columns x samples x HIL_DYNAMIC_RECORD: what a neighbour's record has
  * more than the run's, to first order in the states. Rows after a failure stay as they were. */
 hil_ode_end hil_dynamic_follow(int base, const hil_additions *additions, const hil_drive_record *drive, int count,
-                               const double *values, const double *start, int columns, double *record, double *change);
+                               const double *values, const double *start, int columns, const double *shape,
+                               double *record, double *change);
 
 /* Swing phi [rad], between -pi/2 and pi/2, at which the motion of `start` (rates of shell and drive or joint) goes on
  * with the swing at rest at the first sample; the nearest there is where none does. */

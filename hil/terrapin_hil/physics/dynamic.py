@@ -134,12 +134,31 @@ class Plan:
                 del found[begin]  # the run itself once more
         return found
 
-    def _drive(self, values: Array, time: Array, inputs: Mapping[str, Array], start: float) -> Drive:
+    def shaped(
+        self, tables: Array, time: Array, inputs: Mapping[str, Array], start: float, shapes: Array
+    ) -> list[Mapping[str, Array]]:
+        """What a neighbour of a run changes in its channels, to first order, when it differs by each of `shapes`
+        (samples, count), linear between samples, times what its table says. `tables` (2, slots), the run's and the
+        neighbour's, the rest as for `run`; many shapes cost little more than one."""
+        found: list[Mapping[str, Array]] = []
+        for begin in range(0, shapes.shape[1], NEIGHBOURS):
+            some = np.ascontiguousarray(shapes[:, begin : begin + NEIGHBOURS])
+            drive = self._drive(tables, time, inputs, start, some)
+            record, change = self.model.follow(drive)
+            here = self._measured(drive, drive.tables[0], record)
+            for one in change:
+                there = self._measured(drive, drive.tables[1], record + one)
+                found.append({name: there[name] - here[name] for name in here})
+        return found
+
+    def _drive(
+        self, values: Array, time: Array, inputs: Mapping[str, Array], start: float, shapes: Array | None = None
+    ) -> Drive:
         tables = np.array(values)
         gear, radius = "drive_radius", self.slots["radius"]
         tables[:, self.slots["gear"]] = tables[:, radius] / tables[:, self.slots[gear]] if gear in self.slots else 1.0
         columns = {name: column for name, column in inputs.items() if name in self.slots and name != "time"}
-        return Drive(self.model, self.slots, tables, time, columns, start, self._native)
+        return Drive(self.model, self.slots, tables, time, columns, start, self._native, shapes)
 
     def _measured(self, drive: Drive, table: Array, record: Array) -> dict[str, Array]:
         """Channels after what acts on them: additions, gains, what measuring adds, delays and play."""

@@ -31,9 +31,9 @@ def follow_swinging(base: str) -> Callable[[Drive], tuple[Array, Array]]:
             common = (kind, drive.effects, record_in, count, pointer(table), pointer(row))
             row[0] += lib.hil_dynamic_steady_swing(*common)
         record = np.full((len(clock), lib.HIL_DYNAMIC_RECORD), np.nan)
-        change = np.full((len(state) - 1, *record.shape), np.nan)
+        change, shapes = drive.changes(record.shape[1])
         run = (kind, drive.effects, record_in, count, pointer(drive.tables), pointer(state))
-        lib.hil_dynamic_follow(*run, len(change), pointer(record), pointer(change))
+        lib.hil_dynamic_follow(*run, len(change), shapes, pointer(record), pointer(change))
         return record, change
 
     return follow

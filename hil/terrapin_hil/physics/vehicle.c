@@ -568,14 +568,14 @@ static void begin_rolling(const run *r, double torque, double start, double *at)
     memcpy(at, s.y, sizeof s.y);
 }
 
-static void note_flow(const neighbourhood *n, int sample, int samples, const hil_way *way, double *record,
+static void note_flow(const neighbourhood *n, int columns, int sample, int samples, const hil_way *way, double *record,
                       double *change) {
     double *row = &record[(ptrdiff_t)sample * HIL_VEHICLE_RECORD];
     memcpy(row, way->state, sizeof(double) * STATE);
     for (int axle = 0; axle < AXLES; axle++) {
         row[HIL_VEHICLE_SINKAGE + axle] = n->run.guess[axle].sinkage;
     }
-    for (int c = 0; c < n->columns; c++) {
+    for (int c = 0; c < columns; c++) {
         double *more = &change[((ptrdiff_t)c * samples + sample) * HIL_VEHICLE_RECORD];
         memset(more, 0, sizeof(double) * HIL_VEHICLE_RECORD);
         for (int s = 0; s < STATE; s++) {
@@ -585,14 +585,14 @@ static void note_flow(const neighbourhood *n, int sample, int samples, const hil
 }
 
 int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const double *time, const double *torque,
-                       double start, int columns, double *record, double *change) {
+                       double start, int columns, const double *shape, double *record, double *change) {
     assert(effects->count <= HIL_VEHICLE_VALUES && columns <= HIL_ODE_COLUMNS);
     const guess first = {0.05, 0.0, 0.0, 0.0, 0.0};
     hil_vehicle_failure failure;
     neighbourhood n;
     memset(&n, 0, sizeof n);
     n.torque = torque;
-    n.columns = columns;
+    n.columns = shape != NULL ? 1 : columns;
     n.effects = *effects;
     n.run.columns = n.run.contact_columns = 1;
     n.run.guess[FRONT] = n.run.guess[REAR] = first;
@@ -604,27 +604,27 @@ int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const do
     for (int s = 0; s < FLOW; s++) {
         absolute[s] = 1e-2 * RELATIVE * SIZE[s];
     }
-    const hil_flow flow = {FLOW, columns, time,       RELATIVE,    absolute,    BOUND,
-                           0,    &n,      flow_rates, flow_derive, flow_settle, SIZE};
+    const hil_flow flow = {FLOW, columns,    time,        RELATIVE,    absolute, BOUND, 0,
+                           &n,   flow_rates, flow_derive, flow_settle, SIZE,     shape};
     hil_way way;
     begin_rolling(&n.run, torque[0], start, at);
     hil_flow_begin(&flow, at, &way);
     for (int c = 0; c < columns; c++) {
         run r = n.run;
-        take(&r, &effects->values[(ptrdiff_t)(c + 1) * effects->count]);
+        take(&r, &effects->values[(ptrdiff_t)(shape != NULL ? 1 : c + 1) * effects->count]);
         begin_rolling(&r, torque[0], start, other);
         for (int s = 0; s < FLOW; s++) {
-            way.by[s][c] = other[s] - at[s];
+            way.by[s][c] = (other[s] - at[s]) * (shape != NULL ? shape[c] : 1.0);
         }
     }
     way.step = samples > 1 ? 0.1 * (time[1] - time[0]) : 0.0;
     way.left = HIL_ODE_MEAN_STEPS * samples;
-    note_flow(&n, 0, samples, &way, record, change);
+    note_flow(&n, columns, 0, samples, &way, record, change);
     for (int k = 0; k + 1 < samples; k++) {
         if (hil_flow_interval(&flow, k, &way).kind != HIL_ODE_DONE) {
             return n.status != HIL_TYRE_OK ? n.status : HIL_TYRE_NOT_CONVERGED;
         }
-        note_flow(&n, k + 1, samples, &way, record, change);
+        note_flow(&n, columns, k + 1, samples, &way, record, change);
     }
     return HIL_TYRE_OK;
 }

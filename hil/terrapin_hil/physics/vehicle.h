@@ -85,10 +85,11 @@ int hil_vehicle_run(const hil_vehicle *vehicle, const hil_tyre *tyre, const hil_
 
 /* The same car over `time` (samples, rising), by steps of flow.h that keep the error of each within 1e-7, with what
  * neighbouring values change. `effects` has a row of values for the run and one for each of `columns` (at most
- * HIL_ODE_COLUMNS) neighbours; its terms may be none. record as above; change, columns x samples x 9: what a
- * neighbour's record has more than the run's, to first order (0 for the sinkages). Rows after a failure stay as they
- * were. */
+ * HIL_ODE_COLUMNS) neighbours; its terms may be none. With `shape`, samples x columns and linear between samples, there
+ * is one neighbour, whose values differ so many times as much in each column. record as above; change, columns x
+ * samples x 9: what a neighbour's record has more than the run's, to first order (0 for the sinkages). Rows after a
+ * failure stay as they were. */
 int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const double *time, const double *torque,
-                       double start, int columns, double *record, double *change);
+                       double start, int columns, const double *shape, double *record, double *change);
 
 #endif

@@ -14,6 +14,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.catalogues import entries
+from terrapin_hil.physics.compiled import pointer
 from terrapin_hil.physics.program import FIRST, ROLES
 
 __all__ = ["Body", "Drive", "bodies", "wheel_slip"]
@@ -62,6 +63,12 @@ class Drive:
     columns: Mapping[str, Array]  # by name, each (samples,)
     start: float  # rate at the first sample [rad/s], 0 for rest
     effects: Any  # hil_additions *, NULL for none
+    shapes: Array | None = None  # (samples, count): for one neighbour, how many times as much it differs, over time
+
+    def changes(self, numbers: int) -> tuple[Array, Any]:
+        """An empty array for what neighbours, or shapes of one, change (count, samples, numbers), and the shapes."""
+        count = len(self.tables) - 1 if self.shapes is None else self.shapes.shape[1]
+        return np.full((count, len(self.time), numbers), np.nan), pointer(self.shapes)
 
     def inputs(self, *without: str) -> tuple[Array, list[int]]:
         """Columns that the body does not compute itself, (samples, columns), and their slots."""

@@ -16,11 +16,11 @@ def _follow(drive: Drive) -> tuple[Array, Array]:
     stacked, slots = drive.inputs("drive_torque")
     numbers = f.new("int[]", slots or [0])
     record = np.full((len(time), lib.HIL_VEHICLE_RECORD), np.nan)
-    change = np.full((len(drive.tables) - 1, *record.shape), np.nan)
+    change, shapes = drive.changes(record.shape[1])
     given = (drive.effects, drive.tables.shape[1], pointer(drive.tables), len(slots), numbers, pointer(stacked))
     effects = f.new("hil_vehicle_effects *", given)
-    common = (len(time), pointer(time), pointer(torque), drive.start, len(change), pointer(record), pointer(change))
-    if lib.hil_vehicle_follow(effects, *common) != lib.HIL_TYRE_OK:
+    common = (len(time), pointer(time), pointer(torque), drive.start, len(change), shapes)
+    if lib.hil_vehicle_follow(effects, *common, pointer(record), pointer(change)) != lib.HIL_TYRE_OK:
         record[:] = np.nan
     return record, change
 

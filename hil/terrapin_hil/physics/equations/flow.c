@@ -1,9 +1,10 @@
 #include "flow.h"
 
 #include <math.h>
+#include <stddef.h>
 #include <string.h>
 
-enum { STAGES = HIL_FLOW_STAGES, STATES = HIL_FLOW_STATES, COLUMNS = HIL_ODE_COLUMNS, MOST_PARTS = 100 };
+enum { STAGES = HIL_FLOW_STAGES, STATES = HIL_FLOW_STATES, COLUMNS = HIL_ODE_COLUMNS, MOST_PARTS = 100, BLOCK = 4 };
 
 static const double SHARE[STAGES] = {0.0, 0.2, 0.3, 0.8, 8.0 / 9.0, 1.0, 1.0};
 static const double WEIGHT[STAGES][STAGES - 1] = {
@@ -55,6 +56,32 @@ static double pace(const hil_flow *f, const hil_around *p) {
     return sqrt(most);
 }
 
+/* Columns in whole blocks. */
+static int whole_blocks(int columns) {
+    return (columns + BLOCK - 1) / BLOCK * BLOCK;
+}
+
+/* The law's derivatives, its one column spread over the shapes where there are any; up to a whole block, nothing. */
+static void derive(const hil_flow *f, int sample, double share, const double *state, hil_around *found) {
+    f->derive(f->law, sample, share, state, found);
+    for (int s = 0; s < f->states; s++) {
+        for (int c = f->columns; c < whole_blocks(f->columns); c++) {
+            found->b[s][c] = 0.0;
+        }
+    }
+    if (f->shape == NULL) {
+        return;
+    }
+    const double *here = &f->shape[(ptrdiff_t)sample * f->columns];
+    const double *next = share > 0.0 ? here + f->columns : here;
+    for (int s = 0; s < f->states; s++) {
+        const double unit = found->b[s][0];
+        for (int c = 0; c < f->columns; c++) {
+            found->b[s][c] = unit * (here[c] + share * (next[c] - here[c]));
+        }
+    }
+}
+
 /* The parabola through three points at 0, 1/2 and 1, at `share`. */
 static void between(const hil_around point[3], int n, int columns, double share, hil_around *found) {
     const double first = (1.0 - share) * (1.0 - 2.0 * share);
@@ -64,30 +91,34 @@ static void between(const hil_around point[3], int n, int columns, double share,
         for (int i = 0; i < n; i++) {
             found->a[s][i] = first * point[0].a[s][i] + middle * point[1].a[s][i] + last * point[2].a[s][i];
         }
-        for (int c = 0; c < columns; c++) {
+        for (int c = 0; c < whole_blocks(columns); c++) {
             found->b[s][c] = first * point[0].b[s][c] + middle * point[1].b[s][c] + last * point[2].b[s][c];
         }
     }
 }
 
-/* found = a (by + h rate) + b */
+/* found = a (by + h rate) + b, BLOCK columns at a time */
 static void follow(const hil_around *p, int n, int columns, double by[STATES][COLUMNS], double h,
                    double rate[STATES][COLUMNS], double found[STATES][COLUMNS]) {
-    double at[STATES][COLUMNS];
-    for (int s = 0; s < n; s++) {
-        for (int c = 0; c < columns; c++) {
-            at[s][c] = by[s][c] + h * rate[s][c];
+    for (int first = 0; first < columns; first += BLOCK) {
+        double at[STATES][BLOCK];
+        for (int s = 0; s < n; s++) {
+            for (int c = 0; c < BLOCK; c++) {
+                at[s][c] = by[s][first + c] + h * rate[s][first + c];
+            }
         }
-    }
-    for (int s = 0; s < n; s++) {
-        memcpy(found[s], p->b[s], sizeof(double) * (size_t)columns);
-        for (int i = 0; i < n; i++) {
-            const double times = p->a[s][i];
-            if (times != 0.0) {
-                for (int c = 0; c < columns; c++) {
-                    found[s][c] += times * at[i][c];
+        for (int s = 0; s < n; s++) {
+            double sum[BLOCK];
+            memcpy(sum, &p->b[s][first], sizeof sum);
+            for (int i = 0; i < n; i++) {
+                const double times = p->a[s][i];
+                if (times != 0.0) {
+                    for (int c = 0; c < BLOCK; c++) {
+                        sum[c] += times * at[i][c];
+                    }
                 }
             }
+            memcpy(&found[s][first], sum, sizeof sum);
         }
     }
 }
@@ -100,16 +131,20 @@ static void carry(const hil_flow *f, hil_way *w, double h) {
     const double part = h / parts;
     double k[4][STATES][COLUMNS];
     hil_around more[3];
-    const hil_around *p = w->point;
+    const hil_around *p[3] = {&w->point[0], &w->point[1], &w->point[2]};
     for (int i = 0; i < (int)parts; i++) {
-        for (int j = 0; parts > 1.0 && j < 3; j++) {
-            between(w->point, n, f->columns, (i + 0.5 * j) / parts, &more[j]);
-            p = more;
+        if (parts > 1.0) { /* each begins where the last one ended */
+            hil_around *end = &more[i % 2];
+            between(w->point, n, f->columns, (i + 0.5) / parts, &more[2]);
+            between(w->point, n, f->columns, (i + 1.0) / parts, end);
+            p[0] = i == 0 ? &w->point[0] : &more[(i + 1) % 2];
+            p[1] = &more[2];
+            p[2] = end;
         }
-        follow(&p[0], n, f->columns, w->by, 0.0, w->by, k[0]);
-        follow(&p[1], n, f->columns, w->by, 0.5 * part, k[0], k[1]);
-        follow(&p[1], n, f->columns, w->by, 0.5 * part, k[1], k[2]);
-        follow(&p[2], n, f->columns, w->by, part, k[2], k[3]);
+        follow(p[0], n, f->columns, w->by, 0.0, w->by, k[0]);
+        follow(p[1], n, f->columns, w->by, 0.5 * part, k[0], k[1]);
+        follow(p[1], n, f->columns, w->by, 0.5 * part, k[1], k[2]);
+        follow(p[2], n, f->columns, w->by, part, k[2], k[3]);
         for (int s = 0; s < n; s++) {
             for (int c = 0; c < f->columns; c++) {
                 w->by[s][c] += part / 6.0 * (k[0][s][c] + 2.0 * (k[1][s][c] + k[2][s][c]) + k[3][s][c]);
@@ -129,8 +164,8 @@ static void step_by(const hil_flow *f, int sample, hil_way *w, double h, double 
         }
         middle[s] = w->state[s] + h * sum;
     }
-    f->derive(f->law, sample, 0.5 * (from + to), middle, &w->point[1]);
-    f->derive(f->law, sample, to, at, &w->point[2]);
+    derive(f, sample, 0.5 * (from + to), middle, &w->point[1]);
+    derive(f, sample, to, at, &w->point[2]);
     carry(f, w, h);
     w->point[0] = w->point[2];
 }
@@ -172,7 +207,7 @@ static double worst_of(const hil_flow *f, const hil_way *w, double h, const doub
 static void look_around(const hil_flow *f, int sample, double share, hil_way *w) {
     f->rates(f->law, sample, share, w->state, w->rate[0]);
     if (f->columns > 0) {
-        f->derive(f->law, sample, share, w->state, &w->point[0]);
+        derive(f, sample, share, w->state, &w->point[0]);
     }
     w->known = 1;
 }

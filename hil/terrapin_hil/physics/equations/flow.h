@@ -33,7 +33,9 @@ typedef struct {
     void (*rates)(void *law, int sample, double share, const double *state, double *found);
     void (*derive)(void *law, int sample, double share, const double *state, hil_around *found);
     int (*settle)(void *law, double *state, double by[HIL_FLOW_STATES][HIL_ODE_COLUMNS]);
-    const double *size; /* of each state, where they differ by units; or NULL */
+    const double *size;  /* of each state, where they differ by units; or NULL */
+    const double *shape; /* samples x columns, linear between samples, or NULL: with it the law derives one column, and
+                            column c is that one times shape c */
 } hil_flow;
 
 /* A solution on its way. `known`: whether rate[0] and point[0] are those of the present state; a next step begins where

@@ -69,8 +69,8 @@ static void derive(void *law, int sample, double share, const double *state, hil
 /* What integrates a model. */
 static hil_flow flow_of(model *m) {
     const hil_ode *ode = m->ode;
-    return (hil_flow){ode->states, m->columns, m->drive->time, ode->relative, ode->absolute, ode->bound,
-                      ode->held,   m,          rates,          derive,        NULL,          NULL};
+    return (hil_flow){ode->states, m->columns, m->drive->time, ode->relative, ode->absolute, ode->bound, ode->held,
+                      m,           rates,      derive,         NULL,          NULL,          NULL};
 }
 
 /* A way that begins at a state, with its derivatives by itself. */

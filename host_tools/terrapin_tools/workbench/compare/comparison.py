@@ -265,12 +265,10 @@ def _stuck(case: Case) -> Mask:
     return found if (case.train & ~found).sum() > 0.5 * case.train.sum() else np.zeros_like(found)
 
 
-def _analysed(
-    case: Case, seed: int, level: float, step: int, fitted: tuple[list[Fit], Noise, Array], held: Mask
-) -> Analysis:
+def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, held: Mask) -> Analysis:
     """The answer for the rows of a case as it is, fitted as `_fitted` says."""
     odd = np.zeros(case.rows, dtype=bool)
-    fits, noise, nuisance = fitted
+    fits, noise, nuisance, known = fitted
     columns, looked_at, whole = numeric_columns(case), case.train | case.test, case
     for _ in range(ROUNDS):
         if not noise.odd.any() or odd.sum() + noise.odd.sum() > odd_limit(len(odd)):
@@ -279,13 +277,13 @@ def _analysed(
         apart = farthest(free_slopes(fits[-1], noise.sigma, looked_at)[1], looked_at)
         if gathered(odd, apart, case.run, columns, looked_at):
             odd, case = np.zeros_like(odd), whole
-            fits, noise, nuisance = fitted
+            fits, noise, nuisance, known = fitted
             break
         case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
-        fits, noise, nuisance = _fitted(case, seed)
+        fits, noise, nuisance, known = _fitted(case, seed)
     rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model
     prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
-    directions = _directions(model, fits[-1].theta, rows, sigma)
+    directions = _directions(model, fits[-1].theta, rows, sigma) if known is None else known
     shapes = column_shapes(case, rows)
     effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in suspected(model)}
     widened = np.concatenate([slopes, nuisance], axis=-1)
@@ -347,7 +345,7 @@ def _felt(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: Arra
     for number, channel in enumerate(model.channels):
         act = acting(model, theta, channel, rows, sigma)
         for column, shift in enumerate(shifts[number].T):
-            found[number, :, column] = act(sigma[number] * shift)[number]
+            found[number, :, column] = act(sigma[number] * shift[None])[0, number]
     return found
 
 
@@ -355,11 +353,20 @@ def _mishaps(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: A
     """What may have gone wrong on the rig, as the channels would show it."""
     acts = [acting(model, theta, channel, rows, sigma) for channel in model.channels]
     runs = Runs(model.case.run[rows], len(sigma), prediction)
-    return mishaps(runs, lambda channel, change: acts[channel](sigma[channel] * change), model.case.base.whole_runs)
+
+    def act(channel: int, change: Array) -> Array:
+        return np.asarray(acts[channel](sigma[channel] * change[None])[0])
+
+    return mishaps(runs, act, model.case.base.whole_runs)
 
 
-def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
-    """Fits of the ladder, the noise, and the columns of noisy inputs (channels, rows, count) in the channels' units."""
+# Fits of the ladder, the noise, the columns of noisy inputs (channels, rows, count) in the channels' units, and the
+# directions around the last fit where they are known.
+_Fitted = tuple[list[Fit], Noise, Array, list[Direction] | None]
+
+
+def _fitted(case: Case, seed: int) -> _Fitted:
+    """The case's model fitted, and the noise around it."""
     rows = case.train | case.test
     model = Model.of(case)
     bound = model.bind(case.inputs, rows)
@@ -377,15 +384,18 @@ def _fitted(case: Case, seed: int) -> tuple[list[Fit], Noise, Array]:
     fits: list[Fit] = []
     for _ in range(1 if stated else 2):
         fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
-        noise, nuisance = _noise_of(case, fits[-1], sigma, given, least)
+        noise, nuisance, directions = _noise_of(case, fits[-1], sigma, given, least)
         sigma = noise.sigma
-    if not stated:
-        fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
-    return fits, noise, nuisance
+    if stated:
+        return fits, noise, nuisance, None if case.base.own_dynamics else directions
+    fits = fitted_on(case, case.effects, case.train, sigma, seed, near=fits if case.base.whole_runs else ())
+    return fits, noise, nuisance, None
 
 
-def _noise_of(case: Case, fit: Fit, sigma: Array, given: Sequence[float | None], least: Array) -> tuple[Noise, Array]:
-    """The noise around a fit that was made with the sds `sigma`, and the columns of noisy inputs."""
+def _noise_of(
+    case: Case, fit: Fit, sigma: Array, given: Sequence[float | None], least: Array
+) -> tuple[Noise, Array, list[Direction]]:
+    """The noise around a fit that was made with the sds `sigma`, the columns of noisy inputs, and the directions."""
     rows = case.train | case.test
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
     _require_numbers(case, fit.model, prediction, fit.theta, rows, "after the fit")
@@ -400,7 +410,7 @@ def _noise_of(case: Case, fit: Fit, sigma: Array, given: Sequence[float | None],
         widened = np.concatenate([slopes, nuisance], axis=-1)
         noise = estimate_noise(residual, widened, prediction, case.run[rows], given, roles, pools, least, felt)
         noise = replace(noise, odd=noise.odd | undecided(nuisance, noise.sigma, ODD_SHARE))
-    return noise, nuisance
+    return noise, nuisance, directions
 
 
 def noise_around(case: Case, fit: Fit, known: Noise, again: bool = False) -> Noise:

@@ -42,6 +42,7 @@ SAME = 0.9999  # the same between two expressions; chosen by hand
 HARDLY = 0.15
 TOGETHER = 2  # columns that do the same of which an expression is kept beside that of the likeliest; by hand
 BLOCK = 256  # expressions that are compared at once
+AT_ONCE = 48  # columns that a body over time carries along at once
 PROJECTIONS = 64  # in which two columns of correlation SAME have
 NEAR = 0.999  # less than this with a probability below 1e-12
 # The same as LOWEST where a state's motion is known without noise, and a bend close to its end shows; chosen by hand.
@@ -147,45 +148,49 @@ def library(
         if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
             continue
         act = acting(model, theta, target, rows, sigma)
+        waiting: list[tuple[str, int, Term, tuple[str, float, bool], Array | float]] = []
         for name, listed in terms.items():
             beside = [
-                (f, p, step, parse(f).evaluate(values) if f else 1.0)
-                for f, p, step in factors(case, target, name, values)
+                (one, parse(one[0]).evaluate(values) if one[0] else 1.0) for one in factors(case, target, name, values)
             ]
-            own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
-            if own_prior < 1.0 and _hardly(values[name]):
-                own_prior = IDLE_COST
             about = target in simply and any(term.centred for term in listed)
             for i, term in enumerate(listed):
                 if term.centred != (about and (term.centred or term.text == name)):
                     continue
-                for factor, factor_prior, beside_step, numbers in beside:
-                    if not (term.plain or beside_step) or (term.scales and target in simply):
-                        continue  # how a formula, or a parameter in it, goes with a column is simple or unknown
-                    change = act(features[name, i] * numbers)
-                    size = float(np.sqrt((change * change).mean(axis=1).max()))
-                    if not np.isfinite(size) or size == 0.0:
-                        continue
-                    places[target, name, i, factor] = len(sketches)
-                    if name and _hardly(features[name, i]):
-                        shorter[len(sketches)] = [(target, "", 0, factor), (target, factor, 0, "")]
-                    elif factor and _hardly(numbers):
-                        shorter[len(sketches)] = [(target, name, i, "")]
-                    sketches.append(
-                        Sketch(
-                            product_text(size_name, term.text, factor),
-                            target,
-                            {"pass_": "pass"}.get(name, name),
-                            term.scales,
-                            dict.fromkeys(term.scales, units.get(name, "1")),
-                            term.limits,
-                            term.grid,
-                            target_prior * term.prior * factor_prior * own_prior,
-                            size_name,
-                        )
+                for one, numbers in beside:
+                    # how a formula, or a parameter in it, goes with a column is simple or unknown
+                    if (term.plain or one[2]) and not (term.scales and target in simply):
+                        waiting.append((name, i, term, one, numbers))
+        for begin in range(0, len(waiting), AT_ONCE):
+            some = waiting[begin : begin + AT_ONCE]
+            changes = act(np.array([features[name, i] * numbers for name, i, *_, numbers in some]))
+            for (name, i, term, (factor, factor_prior, _), numbers), change in zip(some, changes, strict=True):
+                size = float(np.sqrt((change * change).mean(axis=1).max()))
+                if not np.isfinite(size) or size == 0.0:
+                    continue
+                places[target, name, i, factor] = len(sketches)
+                if name and _hardly(features[name, i]):
+                    shorter[len(sketches)] = [(target, "", 0, factor), (target, factor, 0, "")]
+                elif factor and _hardly(numbers):
+                    shorter[len(sketches)] = [(target, name, i, "")]
+                own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
+                if own_prior < 1.0 and _hardly(values[name]):
+                    own_prior = IDLE_COST
+                sketches.append(
+                    Sketch(
+                        product_text(size_name, term.text, factor),
+                        target,
+                        {"pass_": "pass"}.get(name, name),
+                        term.scales,
+                        dict.fromkeys(term.scales, units.get(name, "1")),
+                        term.limits,
+                        term.grid,
+                        target_prior * term.prior * factor_prior * own_prior,
+                        size_name,
                     )
-                    columns.append((change / size).reshape(-1))
-                    scales.append(1.0 / size)
+                )
+                columns.append((change / size).reshape(-1))
+                scales.append(1.0 / size)
     if not sketches:
         return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
     stacked = np.array(columns).T

@@ -8,8 +8,7 @@ coefficient is the effect's size in noise standard deviations, comparable betwee
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations, product
 from math import pi
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect, Parameter
+from terrapin_tools.workbench.bases.kinds.base import Act
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, is_phase, numeric_columns
 from terrapin_tools.workbench.model.model import Model
@@ -59,29 +59,16 @@ def response(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) 
     return np.asarray(slopes[..., -1] / sigma[:, None])
 
 
-def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) -> Callable[[Array], Array]:
-    """What a small addition to `target` that is `feature` (rows,) changes (channels, rows), in noise sd.
+def acting(model: Model, theta: Array, target: str, rows: Mask, sigma: Array) -> Act:
+    """What small additions to `target` (count, rows) change (count, channels, rows), in noise sd.
 
-    A dynamic model remembers what acted before: there each feature takes a simulation, or what the base knows of it.
+    A base that integrates remembers what acted before, and says itself what comes of it.
     """
     own = model.bind(model.case.inputs, rows).acting(theta, target)
     if own is not None:
-        return lambda feature: own(feature) / sigma[:, None]
-    if not model.case.base.whole_runs or target in model.channels:
-        unit_change = response(model, theta, target, rows, sigma)
-        return lambda feature: unit_change * feature
-    unit = Effect("probe", "", "", "", (model.case.base.name,), (Parameter("probe_", "1", 0.0),), (), "probe_*shape_")
-    larger = model.having(replace(unit, target=target))
-
-    def act(feature: Array) -> Array:
-        whole = np.zeros(model.case.rows)
-        whole[rows] = feature
-        step = 1e-4 / max(float(np.abs(feature).max()), 1e-300)
-        bound = larger.bind({**model.case.inputs, "shape_": whole}, rows)
-        values = bound.near(np.array([np.append(theta, 0.0), np.append(theta, step)]))
-        return np.asarray((values[1] - values[0]) / step / sigma[:, None])
-
-    return act
+        return lambda features: own(features) / sigma[:, None]
+    unit_change = response(model, theta, target, rows, sigma)
+    return lambda features: unit_change * features[:, None]
 
 
 def terms_of(model: Model, theta: Array, rows: Mask, sigma: Array) -> dict[str, list[Shape]]:
@@ -105,8 +92,7 @@ def terms_of(model: Model, theta: Array, rows: Mask, sigma: Array) -> dict[str, 
     found = {}
     for target in model.case.base.forces:
         act = acting(model, theta, target, rows, sigma)
-        for name, feature in features.items():
-            change = act(feature)
+        for name, change in zip(features, act(np.array([*features.values()])), strict=True):
             size = loudness(change)
             if np.isfinite(size) and size > 0.0:
                 column = (change / size).reshape(-1, 1)

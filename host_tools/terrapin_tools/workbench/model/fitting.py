@@ -35,6 +35,7 @@ TRUSTED = 1e-2  # damping up to which what a step promises is about the whole wa
 # Behind another model, squares or a share of its cost, from which no posterior knows one: noise that goes together over
 # rows weighs each square less. Of further starts of the same model, what they must gain: a quarter of a nat.
 BEHIND, SHARE_BEHIND, BETTER = 100.0, 0.1, 0.5
+OFF, HALVED = 2.0, 6  # times the cost from which a start's size is halved, and how often at most; chosen by hand
 SCREENED = 4  # starts kept of an effect's grid
 UNSEEN = 1e-12  # of the largest curvature: less is none
 KEPT = 6  # evaluations
@@ -164,6 +165,18 @@ class _Problem:
         stop = self.enough, self.aim, self.edge, self.ahead, self.floor
         return minimise(self.evaluate, self.residual, start, lower, upper, free, *stop)
 
+    def nearer(self, start: Array, size: int, cost: float) -> Array:
+        """The start with its size halved until the cost is at most OFF times that without it: along the derivatives a
+        size may look fine that sends a body off, to where each solution takes a hundred times as long."""
+        residual = self.evaluate(start)[0]
+        for _ in range(HALVED):
+            if float(residual @ residual) <= OFF * cost:
+                break
+            start = start.copy()
+            start[size] *= 0.5
+            residual = self.residual(start)
+        return start
+
     def residual(self, theta: Array) -> Array:
         prediction = self.bound.predict(theta)
         return ((prediction - self.measured) * self.weight).reshape(-1)
@@ -187,14 +200,24 @@ def minimiser(bound: Bound, measured: Array, sigma: Array) -> Callable[[Array, M
     return _Problem(bound, measured, sigma, np.inf).minimum
 
 
-def fit_model(bound: Bound, measured: Array, sigma: Array, starts: Sequence[Array], aim: float = np.inf) -> Fit:
+def fit_model(
+    bound: Bound,
+    measured: Array,
+    sigma: Array,
+    starts: Sequence[Array],
+    aim: float = np.inf,
+    absent: tuple[int, float] | None = None,
+) -> Fit:
     """Fit from each start and keep the best. `measured` (channels, rows); `sigma` (channels,) in the same units; `aim`
-    as of `minimise`."""
+    as of `minimise`; `absent`: place of a size, and the cost without it.
+    """
     model = bound.model
     problem = _Problem(bound, measured, sigma, aim)
     whole = np.array([f.whole for f in model.fitted], dtype=bool)
     best, best_cost = np.clip(model.start, model.lower, model.upper), np.inf
     for start in starts:
+        if absent is not None:
+            start = problem.nearer(start, *absent)
         theta, cost = problem.minimum(start, ~whole)
         if model.case.base.whole_runs:  # further starts need not crawl far above it
             problem.aim = min(problem.aim, cost)
@@ -261,7 +284,7 @@ def extend(
     screened = _screened(parent, inputs_bound, stated, measured, sigma)
     if screened and _asks(model) and model.start[count] == 0.0:
         # with no size a shape has no derivative: it starts from the grid's, but where these lead nowhere
-        fit = fit_model(inputs_bound, measured, sigma, [*screened, *more], aim)
+        fit = fit_model(inputs_bound, measured, sigma, [*screened, *more], aim, (count, parent.cost))
         return fit if fit.cost <= parent.cost else fit_model(inputs_bound, measured, sigma, [stated], aim)
     starts = [stated, *screened, *more]
     if len(model.start) > count and model.start[count] != 0.0:  # a size that was found beside other values

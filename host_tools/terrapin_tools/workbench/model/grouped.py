@@ -78,11 +78,11 @@ class Grouped(Predictor):
     def acting(self, theta: Array, target: str) -> Act | None:
         acts = [part.predictor.acting(theta[part.places], target) for part in self.parts]
 
-        def act(feature: Array) -> Array:
-            found = np.zeros((len(self.problem.channels), self.problem.count))
+        def act(features: Array) -> Array:
+            found = np.zeros((len(features), len(self.problem.channels), self.problem.count))
             for part, own in zip(self.parts, acts, strict=True):
                 assert own is not None
-                found[:, part.rows] = own(feature[part.rows])
+                found[:, :, part.rows] = own(features[:, part.rows])
             return found
 
         return None if None in acts else act

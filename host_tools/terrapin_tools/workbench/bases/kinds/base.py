@@ -162,7 +162,7 @@ class Predictor:
         return {}
 
     def acting(self, theta: Array, target: str) -> Act | None:
-        """What takes a small addition to `target` (rows,) to the change of the prediction (channels, rows).
+        """What takes small additions to `target` (count, rows) to changes of the prediction (count, channels, rows).
 
         None where the base has no way of its own to tell.
         """

@@ -366,7 +366,7 @@ class Stretches(Predictor):
                 known |= {n: self.problem.inputs[n][taken] for n in ("time", *self.inputs)}
                 through = self.dynamics.derivative[name].evaluate({**known, **self.motion(theta)})
 
-        def act(feature: Array) -> Array:
+        def one(feature: Array) -> Array:
             addition = np.zeros(len(layout.measured))
             addition[layout.samples] = (feature * through)[layout.rows]
             if linear is not None:
@@ -376,7 +376,7 @@ class Stretches(Predictor):
                 change[:, self.problem.channels.index(target)] = addition
             return self._placed(self._beyond(solved, change[..., None])[..., 0]).T
 
-        return act
+        return lambda features: np.array([one(feature) for feature in features])
 
     def trouble(self, theta: Array) -> str:
         try:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -18,10 +18,11 @@ import numpy as np
 from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.bodies import Body
 from terrapin_hil.physics.dynamic import Plan
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.equations.ode import cores
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.bases.kinds.base import Base, Predictor, Problem, Quantity, Runs, Target
+from terrapin_tools.workbench.bases.kinds.base import Act, Base, Fitted, Predictor, Problem, Quantity, Runs, Target
 from terrapin_tools.workbench.bases.kinds.names import formula_name
 
 __all__ = ["Integrated", "integrated"]
@@ -30,6 +31,7 @@ __all__ = ["Integrated", "integrated"]
 FIRST_ROWS = 5  # from which the rate at the start is taken
 AT_REST = 0.05  # of the greatest rate of the run
 PROPOSED = 3.0  # s that a proposed experiment lasts
+PROBE, UNIT = "probe_", 1e-5  # what a small addition is told from, and its size
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +126,7 @@ class Stretches(Predictor):
 
     def __init__(self, base: Integrated, problem: Problem) -> None:
         super().__init__(problem, base.step)
+        self.base = base
         names = {*base.needs, "slope", "temperature", "pass_", "moisture", "angle"}
         names = names.union(*(parse(effect.expression).names for effect in problem.effects))
         columns = {name: values for name, values in problem.inputs.items() if name in names}
@@ -148,6 +151,24 @@ class Stretches(Predictor):
     def near(self, sets: Array) -> Array:
         tables = self._tables(sets)
         return self._over_runs(lambda one: self.plan.near(tables, one.time, one.inputs, one.start))
+
+    def acting(self, theta: Array, target: str) -> Act | None:
+        if target in self.problem.channels:
+            return None
+        unit = Effect(PROBE, "", "", "", (self.base.name,), (Parameter(PROBE, "1", 0.0),), (), PROBE, target)
+        fitted = (*self.problem.fitted, Fitted(f"{PROBE}.{PROBE}", PROBE, PROBE, "1", 0.0, -np.inf, np.inf))
+        larger = Stretches(self.base, replace(self.problem, effects=(*self.problem.effects, unit), fitted=fitted))
+        tables = larger._tables(np.array([[*theta, 0.0], [*theta, UNIT]]))
+
+        def act(features: Array) -> Array:
+            def solve(one: _Stretch) -> list[Mapping[str, Array]]:
+                shapes = np.zeros((len(one.time), len(features)))
+                shapes[one.samples] = features[:, one.rows].T
+                return larger.plan.shaped(tables, one.time, one.inputs, one.start, shapes)
+
+            return larger._over_runs(solve) / UNIT
+
+        return act
 
     def _check_lengths(self, body: Body, runs: Runs) -> None:
         """UserError where a run is shorter than the swing that it should show."""
