@@ -119,11 +119,12 @@ def test_formulas_are_written_as_one_would(parts: tuple[str, str, str], text: st
 def test_every_shape_is_a_number_on_its_column(low: float, high: float) -> None:
     values = np.linspace(low, high, 50)
     for term in shapes("x", values, "m"):
-        numbers = parse(term.text).evaluate({"x": values, **term.scales})
+        numbers = parse(term.text).evaluate({"x": values, **term.starts})
         assert np.isfinite(numbers).all(), term.text
         assert 0.0 < term.prior <= 1.0
-        for start in (*term.scales.values(), *term.grid):
-            assert term.limits[0] <= start <= term.limits[1], term.text
+        for scale in term.scales.values():
+            for start in (scale.start, *scale.grid):
+                assert scale.low <= start <= scale.high, term.text
 
 
 def test_what_falls_with_a_distance_may_fall_with_its_square() -> None:
@@ -265,14 +266,15 @@ def test_columns_may_have_the_names_of_an_expressions_parameters() -> None:
         values = np.linspace(1.0, 9.0, 40)
         for term in shapes(name, values, "m", {name, "other"}):
             assert name not in term.scales
-            assert np.isfinite(parse(term.text).evaluate({name: values, **term.scales})).all()
+            assert np.isfinite(parse(term.text).evaluate({name: values, **term.starts})).all()
 
 
 @pytest.mark.parametrize(("low", "high"), [(1.0, 7.0), (-8.0, 8.0), (0.0, 50.0)])
 def test_every_shape_is_sound_in_its_units(low: float, high: float) -> None:
     for unit in ("m/s", "degC", "rad", "1"):
         for term in shapes("x", np.linspace(low, high, 50), unit):
-            parse(term.text).unit({"x": unit, **dict.fromkeys(term.scales, unit)})  # ValueError where kinds mix
+            scales = {key: scale.unit for key, scale in term.scales.items()}
+            parse(term.text).unit({"x": unit, **scales})  # ValueError where kinds mix
 
 
 def test_evidence_of_single_columns_is_that_of_blocks_of_one() -> None:

@@ -48,6 +48,7 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
         flat,
         ranker.misfit,
         ranker.columns_without(ranker.effects.keys() - zeros),
+        None if ranker.case.base.whole_runs else ranker.analysis.residual / ranker.sigma[:, None],
     )
     if not listed.sketches:
         return []

@@ -18,7 +18,8 @@ from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.workbench.bases import ROLES, formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.discover.vocabulary import LOWEST, Term, factors, product_text, shapes, targets
+from terrapin_tools.workbench.discover.periods import waves
+from terrapin_tools.workbench.discover.vocabulary import LOWEST, Scale, Term, factors, product_text, shapes, targets
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
@@ -56,15 +57,12 @@ SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could 
 
 @dataclass(frozen=True)
 class Sketch:
-    """One expression: `k * shape * modulator` on `target`; `scales` are start values of its shape parameters."""
+    """One expression: `k * shape * modulator` on `target`; `scales` are the parameters of its shape."""
 
     text: str
     target: str
     column: str  # the column whose shape it is, as the file or the role has it
-    scales: Mapping[str, float]
-    units: Mapping[str, str]
-    limits: tuple[float, float]  # of the scales
-    grid: tuple[float, ...]  # further starts of a scale
+    scales: Mapping[str, Scale]
     prior: float
     size: str = "k"  # the name of its size
 
@@ -101,6 +99,7 @@ def library(
     base: Array,
     misfit: float = np.inf,
     zeros: Array | None = None,
+    left: Array | None = None,
 ) -> Library:
     """Every sketch of a case that differs from what the model and the catalogue can already say.
 
@@ -115,6 +114,7 @@ def library(
         column that hardly varies only the shorter one is listed.
     zeros : (channels * rows, Z), the same of columns whose zero point may be wrong: what a plain constant does, too,
         which is listed all the same.
+    left : (channels, rows), what the model leaves, in noise sd, in which waves are looked for; None: they are not.
     """
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}
@@ -133,8 +133,11 @@ def library(
     units = {name: case.units.get(name) or _role_unit(name) for name in values}
     free = case.base.own_names and case.dynamics is None
     terms = {name: shapes(name, v, units[name], case.inputs, lowest, free) for name, v in values.items()}
+    if left is not None and case.dynamics is None:
+        for name, v in values.items():
+            terms[name] += waves(name, v, units[name], left, case.inputs)
     features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
-    terms[""] = [Term("", {}, (-np.inf, np.inf), CONSTANT_COST)]
+    terms[""] = [Term("", {}, CONSTANT_COST)]
     features["", 0] = np.ones(int(rows.sum()))
     size_name = free_name("k", {*case.inputs, *(case.fit if case.base.own_names else ())})
     sketches: list[Sketch] = []
@@ -182,9 +185,6 @@ def library(
                         target,
                         {"pass_": "pass"}.get(name, name),
                         term.scales,
-                        dict.fromkeys(term.scales, units.get(name, "1")),
-                        term.limits,
-                        term.grid,
                         target_prior * term.prior * factor_prior * own_prior,
                         size_name,
                     )
@@ -215,7 +215,7 @@ def _role_unit(name: str) -> str:
 
 
 def _feature(term: Term, values: Mapping[str, Array]) -> Array:
-    return parse(term.text).evaluate({**values, **term.scales})
+    return parse(term.text).evaluate({**values, **term.starts})
 
 
 def _hardly(values: Array | float) -> bool:
@@ -302,8 +302,7 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
     """A sketch as an effect that a model can take: k free from 0, scales positive with further starts around them."""
     expression: Expression = parse(sketch.text)
     parameters = [Parameter(sketch.size, _unit(sketch, case), 0.0, meaning="size")]
-    for key, value in sketch.scales.items():
-        parameters.append(_scale_parameter(key, sketch, value))
+    parameters += [_scale_parameter(*one) for one in sketch.scales.items()]
     return Effect(
         name=name,
         title="expression found in the data",
@@ -317,11 +316,11 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
     )
 
 
-def _scale_parameter(name: str, sketch: Sketch, start: float) -> Parameter:
+def _scale_parameter(name: str, scale: Scale) -> Parameter:
     """A scale or threshold stays where the data can see it: outside, every shape is a straight line."""
-    low, high = sketch.limits
-    grid = tuple(v for v in (*(sketch.grid or (start / 2.0, start * 2.0)), start) if low <= v <= high)
-    return Parameter(name, sketch.units[name], start, low, high, "scale of the shape", grid=grid)
+    starts = (*(scale.grid or (scale.start / 2.0, scale.start * 2.0)), scale.start)
+    grid = tuple(v for v in starts if scale.low <= v <= scale.high)
+    return Parameter(name, scale.unit, scale.start, scale.low, scale.high, "scale of the shape", grid=grid)
 
 
 def _unit(sketch: Sketch, case: Case) -> str:
@@ -330,7 +329,7 @@ def _unit(sketch: Sketch, case: Case) -> str:
 
     known = {formula_name(role): unit for role, unit in ROLES.items()} if not case.base.own_names else {}
     known.update({formula_name(name): unit for name, unit in case.units.items()})
-    known.update(sketch.units)
+    known.update({name: scale.unit for name, scale in sketch.scales.items()})
     known[sketch.size] = "1"
     acts_on = {"resistance": "N m", "drag": "N", "axle": "N"}.get(sketch.target, case.units.get(sketch.target, "1"))
     shape = parse(sketch.text)

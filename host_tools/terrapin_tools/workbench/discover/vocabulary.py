@@ -16,7 +16,7 @@ import numpy.typing as npt
 from terrapin_tools.workbench.bases import formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
 
-__all__ = ["LOWEST", "Term", "factors", "product_text", "shapes", "targets"]
+__all__ = ["LOWEST", "SHAPE_COST", "Scale", "Term", "factors", "product_text", "shapes", "targets"]
 
 Array = npt.NDArray[np.float64]
 
@@ -28,16 +28,30 @@ EDGES = 60  # thresholds of a step that its refit starts from; chosen by hand
 
 
 @dataclass(frozen=True)
+class Scale:
+    """A parameter inside a shape: where its refit starts, its bounds, its unit, and further starts."""
+
+    start: float
+    low: float
+    high: float
+    unit: str = "1"
+    grid: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
 class Term:
-    """A shape in one column: its formula, start values of its scales, bounds of them, and its prior factor."""
+    """A shape in one column: its formula, its scales by name, and its prior factor."""
 
     text: str
-    scales: Mapping[str, float]
-    limits: tuple[float, float]
+    scales: Mapping[str, Scale]
     prior: float
     plain: bool = True  # stands beside any factor; a step beside the direction of motion only
-    grid: tuple[float, ...] = ()  # further start values of its scale, for a refit
     centred: bool = False  # for what a law is multiplied with: its own constant keeps its meaning, and its bounds
+
+    @property
+    def starts(self) -> dict[str, float]:
+        """Start value of each scale."""
+        return {name: scale.start for name, scale in self.scales.items()}
 
 
 def shapes(
@@ -54,10 +68,10 @@ def shapes(
     low, high = float(values.min()), float(values.max())
     size, span = max(abs(low), abs(high)), high - low
     one_sign = low >= 0.0 or high <= 0.0
-    scale = (0.02 * size, 1.2 * size)
+    near = (0.02 * size, 1.2 * size)  # of 0, where a bend shows
 
-    def term(text: str, prior: float) -> Term:
-        return Term(text, {}, (-np.inf, np.inf), prior)
+    def term(text: str, prior: float, **scales: tuple[float, tuple[float, float]]) -> Term:
+        return Term(text, {key: Scale(start, *limits, unit) for key, (start, limits) in scales.items()}, prior)
 
     if set(np.unique(values)) == {0.0, 1.0}:  # in one group or not: every other shape is the same
         return [term(name, 1.0)]
@@ -74,14 +88,14 @@ def shapes(
         found += [term(f"{wave}({name})", SHAPE_COST) for wave in ("sin", "cos")]
     if one_sign:
         middle = f"{'-' if low >= 0.0 else '+'} {abs(0.5 * (low + high)):.3g}"
-        found.append(Term(f"({name} {middle})", {}, (-np.inf, np.inf), 1.0, centred=True))
+        found.append(Term(f"({name} {middle})", {}, 1.0, centred=True))
         if low > 0.0 and high > DECADE * low and (free or unit in ("", "1")):
-            found.append(Term(f"log({name}/{0.5 * (low + high):.3g})", {}, (-np.inf, np.inf), SHAPE_COST, centred=True))
+            found.append(Term(f"log({name}/{0.5 * (low + high):.3g})", {}, SHAPE_COST, centred=True))
         found.append(term(f"sqrt({magnitude})", SHAPE_COST))
         if low >= 0.0:  # a deviation from a reference, which may lie outside what was measured
             for share in (0.0, 0.25, 0.5, 0.75):
-                start = {x0: low + share * span}
-                found.append(Term(f"({name} - {x0})", start, (low - size, high + size), 0.3 * SHAPE_COST))
+                reference = {x0: (low + share * span, (low - size, high + size))}
+                found.append(term(f"({name} - {x0})", 0.3 * SHAPE_COST, **reference))
     else:
         found += [
             term(f"abs({name})", SHAPE_COST),
@@ -93,36 +107,35 @@ def shapes(
         ]
     dead = (floor + lowest * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
     for share in ((0.25,) if lowest < 0.25 else ()) + (0.45, 0.7):
-        start = {w: floor + share * (top - floor)}
-        found.append(Term(f"max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
+        edge = {w: (floor + share * (top - floor), dead)}
+        found.append(term(f"max({magnitude} - {w}, 0)", SHAPE_COST**3, **edge))
         if not one_sign:
-            found.append(Term(f"sign({name})*max({magnitude} - {w}, 0)", start, dead, SHAPE_COST**3))
+            found.append(term(f"sign({name})*max({magnitude} - {w}, 0)", SHAPE_COST**3, **edge))
     if floor < 0.5 * top:  # else a saturation is out of sight
         for share in (0.1, 0.3):
             prior = 0.5 * SHAPE_COST**1.5
-            found.append(Term(f"tanh({name}/{w})", {w: share * size}, scale, prior))
-            found.append(Term(f"{name}/({magnitude} + {x0})", {x0: share * size}, scale, prior))
+            found.append(term(f"tanh({name}/{w})", prior, **{w: (share * size, near)}))
+            found.append(term(f"{name}/({magnitude} + {x0})", prior, **{x0: (share * size, near)}))
     if low > 0.0:
         if unit in ("", "1"):
             found.append(term(f"log({name})", SHAPE_COST))
         else:
-            found.append(Term(f"log({name}/{x0})", {x0: 0.5 * (low + high)}, (low, high), SHAPE_COST))
+            found.append(term(f"log({name}/{x0})", SHAPE_COST, **{x0: (0.5 * (low + high), (low, high))}))
         if low > 0.02 * high:
             found += [term(f"1/{name}", SHAPE_COST), term(f"1/{name}**2", SHAPE_COST**1.5)]
     if low >= 0.0 and span > 0.0:
         for share in (0.06, 0.15, 0.4, 1.0):
-            found.append(Term(f"exp(-{name}/{tau})", {tau: share * high}, scale, 0.25 * SHAPE_COST))
+            found.append(term(f"exp(-{name}/{tau})", 0.25 * SHAPE_COST, **{tau: (share * high, near)}))
     else:
         for share in (0.15, 0.5):
-            start = {tau: share * size}
-            found.append(Term(f"exp(-abs({name})/{tau})", start, scale, 0.5 * SHAPE_COST**1.5))
-    found += _steps(name, values, w)
+            found.append(term(f"exp(-abs({name})/{tau})", 0.5 * SHAPE_COST**1.5, **{tau: (share * size, near)}))
+    found += _steps(name, values, w, unit)
     if not one_sign:
-        found += _steps(f"abs({name})", np.abs(values), w)
+        found += _steps(f"abs({name})", np.abs(values), w, unit)
     return found
 
 
-def _steps(name: str, values: Array, w: str) -> list[Term]:
+def _steps(name: str, values: Array, w: str, unit: str) -> list[Term]:
     """A jump where the column passes a value that lies between two that occur."""
     known = np.unique(values)
     if len(known) < 3:
@@ -131,10 +144,10 @@ def _steps(name: str, values: Array, w: str) -> list[Term]:
     inside = between[(between > np.quantile(values, 0.05)) & (between < np.quantile(values, 0.95))]
     if not len(inside):
         return []
-    grid = sorted({float(f"{v:.6g}") for v in inside[np.linspace(0, len(inside) - 1, EDGES).astype(int)]})
+    grid = tuple(sorted({float(f"{v:.6g}") for v in inside[np.linspace(0, len(inside) - 1, EDGES).astype(int)]}))
     edges = sorted({grid[i] for i in np.linspace(0, len(grid) - 1, STEPS).astype(int)})
-    limits, prior = (float(known[0]), float(known[-1])), SHAPE_COST**2 / len(edges)
-    return [Term(f"({name} > {w})", {w: edge}, limits, prior, False, tuple(grid)) for edge in edges]
+    low, high, prior = float(known[0]), float(known[-1]), SHAPE_COST**2 / len(edges)
+    return [Term(f"({name} > {w})", {w: Scale(edge, low, high, unit, grid)}, prior, plain=False) for edge in edges]
 
 
 def factors(case: Case, target: str, main: str, values: Mapping[str, Array]) -> list[tuple[str, float, bool]]:

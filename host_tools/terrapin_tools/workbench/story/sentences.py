@@ -168,7 +168,8 @@ def _test(p: float, level: float) -> str:
 def alarm(missing: bool, p: float, level: float) -> str:
     """The test alone: what compare can say."""
     if missing and p >= level:
-        return f"Something is missing from the model: no one thing alone shows it ({_test(p, level)}), but several do."
+        alone = f"the test alone does not show it ({_test(p, level)}), what is likeliest does"
+        return f"Something is missing from the model: {alone}."
     what = "Something is missing from the model" if missing else "Nothing is missing that these data could show"
     return f"{what} ({_test(p, level)})."
 
