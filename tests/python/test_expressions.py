@@ -17,7 +17,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse, error
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from terrapin_tools.workbench.discover.vocabulary import product_text, shapes
+from terrapin_tools.workbench.formulas.vocabulary import product_text, shapes
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.story.told import told

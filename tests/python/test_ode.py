@@ -21,8 +21,8 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
 from terrapin_tools.workbench.discover import expressions
 from terrapin_tools.workbench.discover.discovery import discover
-from terrapin_tools.workbench.discover.expressions import library as listed_expressions
 from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.formulas.expressions import library as listed_expressions
 from terrapin_tools.workbench.model.fitting import covariance, minimise
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.kinds import NODES

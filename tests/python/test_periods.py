@@ -10,7 +10,7 @@ import pytest
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.discover.discovery import discover
-from terrapin_tools.workbench.discover.periods import waves
+from terrapin_tools.workbench.formulas.periods import waves
 
 CASE = """[model]
 base = "equation"

@@ -27,7 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 FILE, PAGE = ROOT / "tests" / "claims.toml", ROOT / "docs" / "rates.md"
 BEGIN, END = "<!-- claims (make claims) -->", "<!-- end of claims -->"
 WORKBENCH = "host_tools/terrapin_tools/workbench"
-DECIDE = tuple(f"{WORKBENCH}/{room}/**/*.py" for room in ("bases", "compare", "discover", "model", "noise"))
+DECIDE = tuple(f"{WORKBENCH}/{room}/**/*.py" for room in ("bases", "compare", "discover", "formulas", "model", "noise"))
 ROOMS: Mapping[str, tuple[str, ...]] = {
     "decision": (*DECIDE, "hil/terrapin_hil/physics/**/*.py", "hil/terrapin_hil/physics/**/*.c"),
     "proposal": (*DECIDE, f"{WORKBENCH}/experiment/**/*.py", "hil/terrapin_hil/physics/**/*.py"),

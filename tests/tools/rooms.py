@@ -57,7 +57,7 @@ FLOORS: tuple[tuple[str, ...], ...] = (
     ("terrapin_tools.workbench.noise", "terrapin_tools.workbench.case"),
     ("terrapin_tools.workbench.model", "terrapin_tools.workbench.new_case"),
     ("terrapin_tools.workbench.compare",),
-    ("terrapin_tools.workbench.experiment",),
+    ("terrapin_tools.workbench.experiment", "terrapin_tools.workbench.formulas"),
     ("terrapin_tools.workbench.discover", "terrapin_tools.workbench.robot"),
     ("terrapin_tools.workbench.story",),
     ("terrapin_tools.workbench.fleet", "terrapin_tools.workbench.intake"),

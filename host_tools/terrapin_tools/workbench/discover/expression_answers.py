@@ -16,9 +16,9 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import error
-from terrapin_tools.workbench.discover.expressions import Sketch, library
 from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
 from terrapin_tools.workbench.discover.ranker import CATALOGUE, SIZE_OF_SET, Hypothesis, Ranker
+from terrapin_tools.workbench.formulas.expressions import Sketch, library
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence

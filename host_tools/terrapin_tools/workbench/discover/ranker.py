@@ -13,7 +13,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
-from terrapin_tools.workbench.discover.expressions import FOUND, SCALE_COST, Library, Sketch, as_effect
+from terrapin_tools.workbench.formulas.expressions import FOUND, SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.model.constants import constants, error_tax
 from terrapin_tools.workbench.model.data_columns import candidates, is_phase
 from terrapin_tools.workbench.model.effect_columns import Shape

@@ -17,10 +17,10 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.adequacy import ROUNDING
 from terrapin_tools.workbench.compare.comparison import Analysis, error
-from terrapin_tools.workbench.discover.expressions import COLUMNS, HARDLY
 from terrapin_tools.workbench.discover.leftover import absent, around
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
+from terrapin_tools.workbench.formulas.expressions import COLUMNS, HARDLY
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence

@@ -8,7 +8,7 @@ probability, so the answer is as short as the measurements allow. expression_ans
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -18,8 +18,8 @@ from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.workbench.bases import ROLES, formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.discover.periods import waves
-from terrapin_tools.workbench.discover.vocabulary import LOWEST, Scale, Term, factors, product_text, shapes, targets
+from terrapin_tools.workbench.formulas.periods import waves
+from terrapin_tools.workbench.formulas.vocabulary import LOWEST, Scale, Term, factors, product_text, shapes, targets
 from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
@@ -30,6 +30,7 @@ __all__ = ["FOUND", "SCALE_COST", "Library", "Sketch", "as_effect", "library", "
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
 Index = npt.NDArray[np.int64]
+Factor = tuple[str, float, bool]  # formula, prior factor, whether it stands beside a step, too
 
 # Squared distance of two predictions [noise sd], beyond what parameters take up, that nobody can see; chosen by hand.
 UNSEEN = 2.0
@@ -117,105 +118,122 @@ def library(
     left : (channels, rows), what the model leaves, in noise sd, in which waves are looked for; None: they are not.
     """
     case = model.case
-    inputs = {name: values[rows] for name, values in case.inputs.items()}
-    roles = {formula_name(role) for role in case.roles}
-    lowest = LOWEST
-    if case.dynamics is not None:  # its own states, and what drives them; no clock
-        states = model.bind(case.inputs, rows).motion(theta)
-        inputs = {**states, **{name: values for name, values in inputs.items() if name not in ("time", *states)}}
-        roles |= states.keys()
-        lowest = LOWEST_OF_STATES
-    ordered = sorted(inputs, key=lambda name: (name not in roles, list(inputs).index(name)))
-    usable = [n for n in ordered if np.ptp(inputs[n]) > 1e-9 * max(1e-300, float(np.abs(inputs[n]).max()))][:COLUMNS]
-    values = {name: inputs[name] for name in usable}
-    basis = orthonormal(base)
-    catalogue, shifted = (_beyond(one, basis) for one in (known, known[:, :0] if zeros is None else zeros))
+    values, own, lowest = _read(model, theta, rows)
     units = {name: case.units.get(name) or _role_unit(name) for name in values}
     free = case.base.own_names and case.dynamics is None
     terms = {name: shapes(name, v, units[name], case.inputs, lowest, free) for name, v in values.items()}
     if left is not None and case.dynamics is None:
         for name, v in values.items():
             terms[name] += waves(name, v, units[name], left, case.inputs)
-    features = {(name, i): _feature(t, values) for name, ts in terms.items() for i, t in enumerate(ts)}
-    terms[""] = [Term("", {}, CONSTANT_COST)]
-    features["", 0] = np.ones(int(rows.sum()))
-    size_name = free_name("k", {*case.inputs, *(case.fit if case.base.own_names else ())})
-    sketches: list[Sketch] = []
-    columns: list[Array] = []
-    scales: list[float] = []
-    places: dict[tuple[str, str, int, str], int] = {}
-    # sketch -> where it stands without a column that hardly varies: as a factor, or as a shape of its own
-    shorter: dict[int, list[tuple[str, str, int, str]]] = {}
-    simply = {*case.fit, *(case.base.further if case.base.own_names else ())}
-    for target, target_prior in targets(case):
-        if (target in case.base.parameters and not case.parameters.get(target, 1.0)) or len(sketches) > LIMIT:
-            continue
-        act = acting(model, theta, target, rows, sigma)
-        waiting: list[tuple[str, int, Term, tuple[str, float, bool], Array | float]] = []
-        for name, listed in terms.items():
-            beside = [
-                (one, parse(one[0]).evaluate(values) if one[0] else 1.0) for one in factors(case, target, name, values)
-            ]
-            about = target in simply and any(term.centred for term in listed)
-            for i, term in enumerate(listed):
-                if term.centred != (about and (term.centred or term.text == name)):
-                    continue
-                for one, numbers in beside:
-                    # how a formula, or a parameter in it, goes with a column is simple or unknown
-                    if (term.plain or one[2]) and not (term.scales and target in simply):
-                        waiting.append((name, i, term, one, numbers))
-        for begin in range(0, len(waiting), AT_ONCE):
-            some = waiting[begin : begin + AT_ONCE]
-            changes = act(np.array([features[name, i] * numbers for name, i, *_, numbers in some]))
-            for (name, i, term, (factor, factor_prior, _), numbers), change in zip(some, changes, strict=True):
+    drawn = _Drawn(case, values, {**terms, "": [Term("", {}, CONSTANT_COST)]}, own)
+    for target, prior in targets(case):
+        if (target not in case.base.parameters or case.parameters.get(target, 1.0)) and len(drawn.sketches) <= LIMIT:
+            drawn.add(target, prior, acting(model, theta, target, rows, sigma))
+    none = known[:, :0]
+    return drawn.kept(orthonormal(base), known, none if zeros is None else zeros, misfit)
+
+
+def _read(model: Model, theta: Array, rows: Mask) -> tuple[dict[str, Array], set[str], float]:
+    """Columns that formulas may read, roles first; the names that the model knows; and the lowest threshold."""
+    case = model.case
+    inputs = {name: values[rows] for name, values in case.inputs.items()}
+    own, lowest = {formula_name(role) for role in case.roles}, LOWEST
+    if case.dynamics is not None:  # its own states, and what drives them; no clock
+        states = model.bind(case.inputs, rows).motion(theta)
+        inputs = {**states, **{name: values for name, values in inputs.items() if name not in ("time", *states)}}
+        own |= states.keys()
+        lowest = LOWEST_OF_STATES
+    ordered = sorted(inputs, key=lambda name: (name not in own, list(inputs).index(name)))
+    usable = [n for n in ordered if np.ptp(inputs[n]) > 1e-9 * max(1e-300, float(np.abs(inputs[n]).max()))][:COLUMNS]
+    return {name: inputs[name] for name in usable}, own, lowest
+
+
+Place = tuple[str, str, int, str]  # of a sketch: its target, column, the number of its shape, and its factor
+
+
+class _Drawn:
+    """Every sketch of a case with its column, and what it would be without a column that hardly varies."""
+
+    def __init__(self, case: Case, values: Mapping[str, Array], terms: Mapping[str, Sequence[Term]], own: set[str]):
+        """`own`: names of the columns that the model knows."""
+        self.case, self.values, self.terms, self.own = case, values, terms, own
+        ones = np.ones(len(next(iter(values.values()), np.zeros(0))))
+        self.features = {
+            (name, i): parse(term.text).evaluate({**values, **term.starts}) if name else ones
+            for name, listed in terms.items()
+            for i, term in enumerate(listed)
+        }
+        self.size = free_name("k", {*case.inputs, *(case.fit if case.base.own_names else ())})
+        self.simply = {*case.fit, *(case.base.further if case.base.own_names else ())}
+        self.sketches: list[Sketch] = []
+        self.columns: list[Array] = []
+        self.scales: list[float] = []
+        self.places: dict[Place, int] = {}
+        self.shorter: dict[int, list[Place]] = {}  # by the number of a sketch
+
+    def add(self, target: str, prior: float, act: Callable[[Array], Array]) -> None:
+        """The sketches on one target; `act`: of shapes (count, rows), what they do there in noise sd."""
+        products = list(self._products(target))
+        for begin in range(0, len(products), AT_ONCE):
+            some = products[begin : begin + AT_ONCE]
+            changes = act(np.array([self.features[name, i] * numbers for name, i, _, numbers in some]))
+            for (name, i, (factor, cost, _), numbers), change in zip(some, changes, strict=True):
                 size = float(np.sqrt((change * change).mean(axis=1).max()))
                 if not np.isfinite(size) or size == 0.0:
                     continue
-                places[target, name, i, factor] = len(sketches)
-                if name and _hardly(features[name, i]):
-                    shorter[len(sketches)] = [(target, "", 0, factor), (target, factor, 0, "")]
+                self.places[target, name, i, factor] = len(self.sketches)
+                if name and _hardly(self.features[name, i]):
+                    self.shorter[len(self.sketches)] = [(target, "", 0, factor), (target, factor, 0, "")]
                 elif factor and _hardly(numbers):
-                    shorter[len(sketches)] = [(target, name, i, "")]
-                own_prior = 1.0 if name in roles or not name else UNMAPPED_COST
-                if own_prior < 1.0 and _hardly(values[name]):
-                    own_prior = IDLE_COST
-                sketches.append(
-                    Sketch(
-                        product_text(size_name, term.text, factor),
-                        target,
-                        {"pass_": "pass"}.get(name, name),
-                        term.scales,
-                        target_prior * term.prior * factor_prior * own_prior,
-                        size_name,
-                    )
-                )
-                columns.append((change / size).reshape(-1))
-                scales.append(1.0 / size)
-    if not sketches:
-        return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
-    stacked = np.array(columns).T
-    instead = {i: places[key] for i, keys in shorter.items() for key in keys[::-1] if key in places}
-    idle = _unseen(stacked, basis, instead, misfit)
-    prior = np.array([s.prior for s in sketches])
-    reads = [read_by(s, values) for s in sketches]
-    taken = _like_any(stacked, basis, catalogue)
-    taken |= _like_any(stacked, basis, shifted) & np.array([bool(read) for read in reads])
-    kept = _distinct(stacked, basis, taken, prior, reads)
-    keep = [i for i in kept if i not in idle]
-    if not keep:
-        return Library((), np.zeros((base.shape[0], 0)), np.zeros(0))
-    chosen = [sketches[i] for i in keep]
-    total = sum(s.prior for s in chosen)
-    final = tuple(replace(s, prior=s.prior / total) for s in chosen)
-    return Library(final, stacked[:, keep], np.array(scales)[keep])
+                    self.shorter[len(self.sketches)] = [(target, name, i, "")]
+                term = self.terms[name][i]
+                text, column = product_text(self.size, term.text, factor), {"pass_": "pass"}.get(name, name)
+                share = prior * term.prior * cost * self._of_column(name)
+                self.sketches.append(Sketch(text, target, column, term.scales, share, self.size))
+                self.columns.append((change / size).reshape(-1))
+                self.scales.append(1.0 / size)
+
+    def _products(self, target: str) -> Iterator[tuple[str, int, Factor, Array | float]]:
+        """Column, number of the shape, factor beside it and its numbers; how a formula, or a parameter in it, goes with
+        a column is simple or unknown."""
+        for name, listed in self.terms.items():
+            beside = [
+                (one, parse(one[0]).evaluate(self.values) if one[0] else 1.0)
+                for one in factors(self.case, target, name, self.values)
+            ]
+            about = target in self.simply and any(term.centred for term in listed)
+            for i, term in enumerate(listed):
+                if term.centred != (about and (term.centred or term.text == name)):
+                    continue
+                if not (term.scales and target in self.simply):
+                    yield from ((name, i, one, numbers) for one, numbers in beside if term.plain or one[2])
+
+    def _of_column(self, name: str) -> float:
+        """Prior factor of a column."""
+        if name in self.own or not name:
+            return 1.0
+        return IDLE_COST if _hardly(self.values[name]) else UNMAPPED_COST
+
+    def kept(self, basis: Array, known: Array, zeros: Array, misfit: float) -> Library:
+        """Those that differ from the basis, from `known` and `zeros` (columns as in `library`), and from each other."""
+        if not self.sketches:
+            return Library((), known[:, :0], np.zeros(0))
+        stacked = np.array(self.columns).T
+        shorter = self.shorter.items()
+        instead = {i: self.places[key] for i, keys in shorter for key in keys[::-1] if key in self.places}
+        idle = _unseen(stacked, basis, instead, misfit)
+        reads = [read_by(s, self.values) for s in self.sketches]
+        taken = _like_any(stacked, basis, _beyond(known, basis))
+        taken |= _like_any(stacked, basis, _beyond(zeros, basis)) & np.array([bool(read) for read in reads])
+        distinct = _distinct(stacked, basis, taken, np.array([s.prior for s in self.sketches]), reads)
+        keep = [i for i in distinct if i not in idle]
+        total = sum(self.sketches[i].prior for i in keep)
+        final = tuple(replace(self.sketches[i], prior=self.sketches[i].prior / total) for i in keep)
+        return Library(final, stacked[:, keep], np.array(self.scales)[keep])
 
 
 def _role_unit(name: str) -> str:
     return ROLES.get({"pass_": "pass"}.get(name, name), "1")
-
-
-def _feature(term: Term, values: Mapping[str, Array]) -> Array:
-    return parse(term.text).evaluate({**values, **term.starts})
 
 
 def _hardly(values: Array | float) -> bool:

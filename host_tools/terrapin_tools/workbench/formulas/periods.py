@@ -13,7 +13,7 @@ from scipy.signal import lombscargle
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.bases import free_name
-from terrapin_tools.workbench.discover.vocabulary import SHAPE_COST, Scale, Term
+from terrapin_tools.workbench.formulas.vocabulary import SHAPE_COST, Scale, Term
 
 __all__ = ["waves"]
 
