@@ -83,13 +83,14 @@ def bar(text: str, total: float | None = 1.0) -> Iterator[Callable[..., None]]:
     What it gives takes `completed`, `total` and `description`.
     """
     if progress_lines():
-        told = -1
+        told: tuple[str, int] = "", -1
 
         def tell(completed: float = 0.0, total: float | None = total, description: str = text) -> None:
             nonlocal told
-            if total and int(100.0 * completed / total) > told:
-                told = int(100.0 * completed / total)
-                print(f"{description}: {told} %", file=sys.stderr, flush=True)
+            cents = int(100.0 * completed / total) if total else -1
+            if total and (cents > told[1] or description != told[0]):
+                told = description, cents
+                print(f"{description}: {cents} %", file=sys.stderr, flush=True)
 
         yield tell
     elif not sys.stderr.isatty():

@@ -58,7 +58,7 @@ def web(
                 print("terrapin: found no browser; open the address above", file=sys.stderr)
 
     with listening:
-        asyncio.run(serve(listening, workspace, token, NamedBus(str(link or ""), key), ready))
+        asyncio.run(serve(listening, workspace, token, NamedBus(str(link or ""), key, link_key), ready))
 
 
 def _listen(port: int) -> socket.socket:

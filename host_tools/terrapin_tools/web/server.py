@@ -22,7 +22,7 @@ from starlette.exceptions import HTTPException
 from terrapin_tools.errors import UserError
 from terrapin_tools.monitor.controls import NotNow
 from terrapin_tools.web.cases import cases_api, jobs_api, new_case, view_api
-from terrapin_tools.web.live import drive_api, live_api
+from terrapin_tools.web.live import drive_api, flash_api, live_api
 from terrapin_tools.web.service import events, uploads
 from terrapin_tools.web.service.bounds import Sockets
 from terrapin_tools.web.service.context import Context, NamedBus
@@ -35,7 +35,9 @@ from terrapin_tools.web.simulate import batch_api, simulate_api
 
 __all__ = ["application"]
 
-ROUTES = (cases_api, new_case, jobs_api, uploads, events, view_api, live_api, drive_api, simulate_api, batch_api)
+ROUTES = (
+    cases_api, new_case, jobs_api, uploads, events, view_api, live_api, drive_api, flash_api, simulate_api, batch_api,
+)  # fmt: skip
 STATUS = {NotThere: 404, Taken: 409, NotNow: 409, Busy: 503, uploads.TooLarge: 413, uploads.NoSpace: 507}
 STATIC = Path(__file__).parent / "static"
 

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from collections.abc import Callable
+from contextlib import suppress
 from typing import Any
 from weakref import WeakKeyDictionary
 
+from terrapin_tools.errors import UserError
 from terrapin_tools.web.live.picture import Picture
 from terrapin_tools.web.live.session import Session
 from terrapin_tools.web.live.socket import Audience
 from terrapin_tools.web.live.watching import Watch, opened
 from terrapin_tools.web.service.context import Context
 from terrapin_tools.web.service.events import Events
+from terrapin_tools.web.service.jobs import ENDED, Job
 from terrapin_tools.web.service.workspace import NotThere, Taken
 
 __all__ = ["Hub", "hubs"]
@@ -27,6 +31,7 @@ class Hub:
         self.audience = Audience()
         self.session: Session | None = None
         self.changing = asyncio.Lock()
+        self._lent: asyncio.Task[None] | None = None  # until a job has ended that has the link
         self._loop = asyncio.get_running_loop()
 
     async def open(self, context: Context, body: Watch) -> Session:
@@ -74,6 +79,26 @@ class Hub:
             "driven": bool(driver),
         }
 
+    async def lend(self, context: Context, start: Callable[[], Job]) -> Job:
+        """Lets go of what is watched for a job that needs its link; when that has ended, it is watched again."""
+        async with self.changing:
+            self._free()
+            again = Watch.model_validate(self.watched().watch)
+            await self._close()
+            job: Job | None = None
+            try:
+                job = start()
+            finally:  # also where it could not be queued
+                self._lent = asyncio.create_task(self._again(context, again, job))
+            return job
+
+    async def _again(self, context: Context, body: Watch, job: Job | None) -> None:
+        while job is not None and job.state not in ENDED:
+            await asyncio.sleep(0.1)
+        self._lent = None
+        with suppress(UserError):  # the link is gone: the page says that nothing is watched
+            await self.open(context, body)
+
     async def leave(self) -> None:
         """Watches nothing any more. Taken while the stop button is held in."""
         async with self.changing:
@@ -87,10 +112,14 @@ class Hub:
 
     async def close(self) -> None:
         """The server ends, and with it a stop that is held in."""
+        if self._lent is not None:
+            self._lent.cancel()
         async with self.changing:
             await self._close()
 
     def _free(self) -> None:
+        if self._lent is not None:
+            raise Taken("live: a job has the link of the controller, expected it ended or cancelled first")
         controls = self.session.controls if self.session is not None else None
         if controls is not None and controls.driver:
             raise Taken("live: a page drives what is watched, expected it disarmed first, or stopped")

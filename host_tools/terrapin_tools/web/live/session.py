@@ -95,7 +95,7 @@ class Session:
     ) -> None:
         self.source = source
         self.command = command
-        self._watch = watch  # as it was asked for: another browser changes a part of it
+        self.watch = watch  # as it was asked for: another browser changes a part of it
         self.decoder = decoder
         self.live = Live(decoder, interface, bitrate, node)
         self.kind = _kind(source)
@@ -255,7 +255,7 @@ class Session:
             if self.controls is not None
             else None,
             "command": self.command,
-            "watch": self._watch,
+            "watch": self.watch,
             "dbc": self.decoder.path.name,
             "signals": signals,
             "stop": self.can_stop,

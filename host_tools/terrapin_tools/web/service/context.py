@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated
 
 from fastapi import Depends
@@ -23,6 +24,7 @@ class NamedBus:
 
     link: str = ""
     key: LinkKey | None = None  # never leaves this process
+    key_file: Path | None = None  # that it was read from
 
 
 @dataclass(frozen=True)

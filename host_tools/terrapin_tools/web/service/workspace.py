@@ -20,7 +20,7 @@ from terrapin_tools.workbench.files.writing import copy_example
 __all__ = ["NAME", "NotThere", "Taken", "Workspace", "is_name"]
 
 NAME = r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$"
-FOLDERS = ("cases", "jobs", "uploads", "reports", "exports", "logs", "runs", "batches", "rows")
+FOLDERS = ("cases", "jobs", "uploads", "reports", "exports", "logs", "runs", "batches", "rows", "images")
 LOCK_SECONDS = 10.0  # in which the work of a server that was killed ends
 _NAME = re.compile(NAME.removesuffix("$") + r"\Z", re.ASCII)
 

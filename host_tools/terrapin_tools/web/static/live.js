@@ -4,6 +4,7 @@ import { h, lineOf } from './app.js';
 import { Bus, Nodes } from './live/bus.js';
 import { Drive } from './live/drive.js';
 import { Events, Faults } from './live/events.js';
+import { Flash } from './live/flash.js';
 import { Layouts } from './live/layouts.js';
 import { Parameters } from './live/parameters.js';
 import { Recorder } from './live/record.js';
@@ -49,6 +50,7 @@ class Live {
     this.replay = new Replay(this);
     this.faults = new Faults();
     this.parameters = new Parameters(this);
+    this.flash = new Flash(this);
     this.bus = new Bus();
     this.nodes = new Nodes((node) => { void this.source.choose(node); });
     this.recorder = new Recorder(this, () => this.source.offer());
@@ -66,7 +68,7 @@ class Live {
     this.cursorSaid = h('span', { class: 'soft small' });
     element.append(h('h1', { class: 'visually-hidden', text: 'Live' }), this.source.element, this.notice, this.replay.element, this.faults.element, this.nodes.element, this.tiles.element,
       h('div', { class: 'live-grid' }, h('div', { class: 'live-left' }, this.chartPanel(place), this.signals.element, this.parameters.element),
-        h('div', { class: 'side' }, this.stop.element, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element)));
+        h('div', { class: 'side' }, this.stop.element, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element, this.flash.element)));
     element.addEventListener('keydown', (event) => {
       if (event.key === ' ' && event.target === this.strip.canvas) { event.preventDefault(); this.setPaused(this.strip.paused === null); }
     });
@@ -119,7 +121,7 @@ class Live {
     if (telemetry.signals.length && !this.chosen.some((name) => telemetry.index.has(name))) this.chosen = telemetry.signals.slice(0, 3).map((s) => s.name);
     if (said.command) app.showCommand(said.command);
     app.context(said.name || '');
-    for (const part of [this.stop, this.drive, this.replay, this.parameters]) part.begin(said);
+    for (const part of [this.stop, this.drive, this.replay, this.parameters, this.flash]) part.begin(said);
     this.rolling.begin(said, telemetry.signals);
     this.source.kind = said.kind || '';
     this.source.take(said.watch ?? null);
@@ -215,6 +217,7 @@ class Live {
     const { app, telemetry } = this;
     this.shown = true;
     void this.source.offer().then(() => this.source.wanted(rest));
+    void this.flash.look();
     this.strip.start();
     telemetry.open();
     app.context(telemetry.hello?.name || '');

@@ -9,7 +9,7 @@ export class Source {
     /** @type {Watch | null} */
     this.watched = null; // what was asked for, by whichever browser
     this.source = h('select', { id: 'live-source', 'aria-label': 'Source', onchange: () => { this.options(); } });
-    this.watch = h('button', { type: 'button', class: 'main', text: 'Watch', onclick: () => this.begin() });
+    this.watch = h('button', { type: 'button', class: 'main', text: 'Watch', disabled: true, onclick: () => this.begin() });
     this.leave = h('button', { type: 'button', text: 'Leave', onclick: () => this.end() });
     this.typed = h('input', { type: 'text', id: 'live-typed', placeholder: 'socketcan:can0, serial:/dev/ttyACM0, can:INTERFACE:CHANNEL', hidden: true, 'aria-label': 'Link' });
     this.speed = h('select', { id: 'live-speed', 'aria-label': 'Speed of a log' }, ...[1, 2, 5, 10, 100].map((s) => h('option', { value: String(s), text: `${s} ×` })));
@@ -45,6 +45,7 @@ export class Source {
     dbc.replaceChildren(h('option', { value: '', text: 'the controller’s DBC' }), ...options('dbc'));
     dbc.value = [...dbc.options].some((o) => o.value === dbcBefore) ? dbcBefore : '';
     this.options();
+    this.watch.disabled = false; // there is something to watch from now on
   }
 
   /** Show the options of the source that is chosen. */
