@@ -206,6 +206,42 @@ def test_a_complete_model_of_the_cylinder_is_adequate(tmp_path: Path, capsys: py
     assert 0.9 < answer["channels"]["omega"]["heldout_rmse"] / 0.02 < 1.1
 
 
+def test_a_wrong_constant_of_a_body_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A torque constant of 0.11 N m/A that the case takes for 0.12: friction and formulas would imitate it."""
+    random, t, found = np.random.default_rng(8), np.arange(0.0, 1.8, 0.04), []
+    for number in range(6):
+        inputs = {"time": t, "voltage": np.where(t < 0.9, 3.0 + number, 7.0 - 0.7 * number)}
+        run = simulate("cmr", {"f_o": 0.092, "torque_constant": 0.11}, inputs).channels
+        noise = random.normal(size=(2, t.size))
+        measured = {"omega": run["omega"] + 0.02 * noise[0], "current": run["current"] + 0.004 * noise[1]}
+        found.append({**inputs, **measured})
+    friction = "coulomb = { value = 0.01, min = 0.0, max = 0.1 }"
+    text = CMR.replace("[fit]", f"[parameters]\ntorque_constant = 0.12\n[fit]\n{friction}")
+    status, _, err = terrapin(capsys, "discover", write(tmp_path / "case", text, found), "--json", tmp_path / "a.json")
+    assert status == 0, err
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert (answer["verdict"], answer["missing"]) == ("missing", ["constant.torque_constant"])
+    assert answer["answer_probability"] > 0.9
+
+
+def test_one_run_on_a_slope_is_told_as_that_runs_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Ground of 2 degrees under the third of six runs, which the table does not have."""
+    random, t, found = np.random.default_rng(6), np.arange(0.0, 1.8, 0.04), []
+    for number in range(6):
+        inputs = {"time": t, "voltage": np.where(t < 0.9, 3.0 + number, 7.0 - 0.7 * number)}
+        tilted = {**inputs, "slope": np.full(t.size, 0.035 * (number == 2))}
+        run = simulate("cmr", {"f_o": 0.092}, tilted, {"slope": {"gain": 1.0}}).channels
+        noise = random.normal(size=(2, t.size))
+        measured = {"omega": run["omega"] + 0.02 * noise[0], "current": run["current"] + 0.004 * noise[1]}
+        found.append({**inputs, **measured})
+    status, out, err = terrapin(capsys, "discover", write(tmp_path / "case", CMR, found), "--json", tmp_path / "a.json")
+    assert status == 0, err
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert (answer["verdict"], answer["odd_runs"]) == ("unexplained", ["r2"])
+    assert answer["mishap"]["kind"] == "slope"
+    assert "Run r2 goes as on a slope" in " ".join(out.split())
+
+
 def test_a_missing_effect_of_the_cylinder_is_found_added_and_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -177,10 +177,19 @@ def test_how_runs_begin_is_the_models_own_where_it_follows_them() -> None:
         return change * (np.arange(2) == channel)[:, None]
 
     assert set(MISHAP) == set(KINDS) <= set(WEIGHT)  # each has a prior in the ranking and one in the test
-    found = mishaps(runs, act, True)
-    assert {one.kind for one in mishaps(runs, act, False)} == set(KINDS)
+    slopes = np.ones((RUNS, 2, RUNS * ROWS))
+    slopes[3] = np.nan
+    found = mishaps(runs, act, True, slopes)
+    assert {one.kind for one in mishaps(runs, act, False)} == set(KINDS) - {"slope"}
     assert {one.kind for one in found} == set(KINDS) - {"start"}
-    assert {one.kind: one.columns.shape[1] for one in found} == {"run": 4, "change": 4, "warming": 4, "lag": 2}
+    assert {one.kind: one.columns.shape[1] for one in found} == {
+        "run": 4,
+        "slope": 1,
+        "change": 4,
+        "warming": 4,
+        "lag": 2,
+    }
+    assert [one.run for one in found if one.kind == "slope"] == [0, 1, 2, *range(4, RUNS)]
     assert [one.run for one in found if one.kind == "change"] == list(range(2, 11))
 
 

@@ -62,6 +62,7 @@ LEVEL = 0.05  # false alarm rate of "something is missing", the usual one; --lev
 STARTS = 3
 MORE_STARTS = 20  # that are drawn where none of these gives numbers, at most; chosen by hand
 CLEARLY = 50.0  # times below the level, to raise an alarm on rows closer than a correlation length; chosen by hand
+GROUND = "rolling_resistance"  # what a slope adds to, where a base has it
 ROUNDS = 3  # looks for rows that stand alone: without the farthest, others may show
 
 
@@ -357,7 +358,11 @@ def _mishaps(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: A
     def act(channel: int, change: Array) -> Array:
         return np.asarray(acts[channel](sigma[channel] * change[None])[0])
 
-    return mishaps(runs, act, model.case.base.whole_runs)
+    slopes = None
+    if GROUND in model.case.base.forces and "slope" not in model.case.roles:
+        rolls = acting(model, theta, GROUND, rows, sigma)
+        slopes = rolls(np.asarray(1.0 * (np.unique(runs.run)[:, None] == runs.run)))
+    return mishaps(runs, act, model.case.base.whole_runs, slopes)
 
 
 # Fits of the ladder, the noise, the columns of noisy inputs (channels, rows, count) in the channels' units, and the

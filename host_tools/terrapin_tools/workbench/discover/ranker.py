@@ -31,7 +31,7 @@ __all__ = ["MISHAP", "SIZE_OF_SET", "Found", "Hypothesis", "Ranker", "by_effect"
 # Prior of a set by its number of terms, and of each kind of mishap. Chosen by hand; the campaigns (row "probability")
 # measure what comes of it.
 SIZE_OF_SET = (0.2, 0.54, 0.19, 0.045, 0.005)
-MISHAP = {"run": 0.02, "change": 0.02, "warming": 0.01, "start": 0.01, "lag": 0.01}
+MISHAP = {"run": 0.02, "slope": 0.01, "change": 0.02, "warming": 0.01, "start": 0.01, "lag": 0.01}
 CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
 CONSTANT = 0.07  # of it to be a stated constant that is wrong, where there are any; by hand
 FAULT = 0.03  # of it to be a fault of the table, where there may be any; by hand

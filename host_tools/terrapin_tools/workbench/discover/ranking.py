@@ -45,7 +45,8 @@ SHOWN = 10  # likeliest answers whose expressions are also refitted alone, for t
 
 @dataclass(frozen=True)
 class Blamed:
-    """What went wrong on the rig, not in the model: `run`, those that stand out; `change`, those before and after it;
+    """What went wrong on the rig, not in the model: `run`, those that stand out; `slope`, those that a slope
+    of the ground would explain; `change`, those before and after it;
     `warming`, how the test begins; `start`, how each run begins; `lag`, an instrument that comes late."""
 
     kind: str
@@ -270,7 +271,7 @@ def _onward(ranker: Ranker, singles: Mapping[str, Hypothesis], best: float) -> d
 
 
 def _mishaps(ranker: Ranker) -> list[Hypothesis]:
-    """What may have gone wrong on the rig instead: an odd run, a change between two runs, a beginning, a lag."""
+    """What may have gone wrong on the rig instead: an odd run, a slope, a change, a beginning, a lag."""
     listed = ranker.analysis.mishaps
     if ranker.runs.runs < FEWEST_RUNS or not listed:
         return []

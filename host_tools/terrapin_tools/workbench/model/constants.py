@@ -26,8 +26,6 @@ def constants(model: Model) -> list[Effect]:
     """One suspect for each stated parameter of the base model, or of formulas of the user's own, that is not fitted,
     and neither 0 nor what the base takes where nothing is stated."""
     case = model.case
-    if case.base.whole_runs and case.dynamics is None:
-        return []
     formulas = [*case.equations.values(), *(case.dynamics.derivative.values() if case.dynamics is not None else ())]
     unstated = {name: quantity.default for name, quantity in case.base.parameters.items()}
     read = set(case.base.parameters).union(*(formula.names for formula in formulas))

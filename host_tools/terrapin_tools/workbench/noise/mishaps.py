@@ -1,9 +1,9 @@
-"""What goes wrong on a rig beside the physics: one odd run, a change between two runs, a test or runs that begin
-unsettled, an instrument that lags.
+"""What goes wrong on a rig beside the physics: one odd run, one run on a slope, a change between two runs, a test or
+runs that begin unsettled, an instrument that lags.
 
-The first ones are an offset of one channel, or a factor on what the model predicts there, of rows that the order of the
-test names; a lagging instrument shows a part of the row before. None is a term of the model; each competes with those
-that are.
+Most of them are an offset of one channel, or a factor on what the model predicts there, of rows that the order of the
+test names; a slope is a constant torque on what rolls over time; a lagging instrument shows a part of the row before.
+None is a term of the model; each competes with those that are.
 """
 
 from __future__ import annotations
@@ -18,8 +18,15 @@ from terrapin_tools.workbench.noise.covariance import Runs, carried, doublings
 
 __all__ = ["KINDS", "Mishap", "mishaps"]
 
-KINDS = ("run", "change", "warming", "start", "lag")
-FEWEST = {"run": 3, "change": 6, "warming": 4, "start": 3, "lag": 1}  # runs from which it is looked for; by hand
+KINDS = ("run", "slope", "change", "warming", "start", "lag")
+FEWEST = {
+    "run": 3,
+    "slope": 3,
+    "change": 6,
+    "warming": 4,
+    "start": 3,
+    "lag": 1,
+}  # runs from which it is looked for; by hand
 ASIDE = 2  # runs on the shorter side of a change at least: fewer are odd runs; chosen by hand
 CHANGES = 60  # between runs that are looked at, evenly over the test; chosen by hand, for time and memory
 LENGTH = 5  # rows of the middle run from which its beginning differs from the rest, and a lag shows; chosen by hand
@@ -37,14 +44,18 @@ class Mishap:
     """What is off in one channel, and where that begins."""
 
     kind: str  # of KINDS
-    run: int | None  # the odd run, or the first one after the change; of the others none
-    columns: Array  # (channels * rows, count), in file order: of each channel an offset and a factor; its lag
+    run: int | None  # the odd run, that on a slope, or the first one after the change; of the others none
+    columns: Array  # (channels * rows, count), in file order: of each channel an offset and a factor; its lag; a slope
 
 
-def mishaps(runs: Runs, act: Act, whole_runs: bool) -> list[Mishap]:
-    """What may have gone wrong on these rows; where the model follows runs over time, how they begin is its own."""
+def mishaps(runs: Runs, act: Act, whole_runs: bool, slopes: Array | None = None) -> list[Mishap]:
+    """What may have gone wrong on these rows; where the model follows runs over time, how they begin is its own.
+    `slopes` (runs, channels, rows): what a slope of the ground would change in each, in their order."""
     numbers = np.unique(runs.run)
     found = [Mishap("run", int(one), _off(runs, act, runs.run == one)) for one in numbers]
+    if slopes is not None:
+        each = zip(numbers, slopes.reshape(len(numbers), -1, 1), strict=True)
+        found += [Mishap("slope", int(one), column) for one, column in each if np.isfinite(column).all()]
     after = numbers[ASIDE : len(numbers) - ASIDE + 1]
     after = after[np.unique(np.linspace(0, len(after) - 1, CHANGES).astype(int))] if len(after) > CHANGES else after
     found += [Mishap("change", int(one), _off(runs, act, runs.run >= one)) for one in after]

@@ -42,7 +42,7 @@ def answer(story: Story) -> dict[str, Any]:
             "next_experiment": found.plan and vars(found.plan),
         }
         runs = {
-            "odd_runs": found.blamed.runs if found.blamed and found.blamed.kind == "run" else (),
+            "odd_runs": found.blamed.runs if found.blamed and found.blamed.kind in ("run", "slope") else (),
             "mishap": found.blamed and vars(found.blamed),
             "unknown": found.unknown and vars(found.unknown),
             "operating": [vars(one) for one in found.operating],

@@ -15,6 +15,7 @@ SHOWN = 8  # answers
 WORDS = {
     "nothing": "only noise",
     "run": "a single run",
+    "slope": "a single run on a slope",
     "change": "a change between two runs",
     "warming": "how the test begins",
     "start": "how each run begins",

@@ -280,6 +280,12 @@ def _mishap(blamed: Blamed, probability: float) -> str:
             "the one before. Hold each setting longer, or give the model that lag, before looking for physics."
         )
     one = len(blamed.runs) == 1
+    if blamed.kind == "slope":
+        return (
+            f"{what} the ground under a single run, not the model (probability {sure}). {'Run' if one else 'Runs'} "
+            f"{', '.join(blamed.runs)} {'goes' if one else 'go'} as on a slope: measure it, and map it as the role "
+            "slope, before looking for physics."
+        )
     which, stand = ("Run", "stands out by itself") if one else ("Runs", "stand out by themselves")
     return (
         f"{what} a single run, not the model (probability {sure}). {which} {', '.join(blamed.runs)} {stand}: "
