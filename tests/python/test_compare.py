@@ -6,6 +6,8 @@ import json
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_t
 
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.compare.adequacy import _p_value
+from terrapin_tools.workbench.compare.adequacy import Adequacy, _p_value, failure_on, where_it_fails
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT, BayesFactor, Block
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
 from terrapin_tools.workbench.model.fitting import covariance
@@ -164,6 +166,45 @@ def test_the_range_that_fails_in_a_column_of_few_levels(tmp_path: Path) -> None:
     assert (first.variable, first.channel) == ("q", "y")
     assert (first.low, first.high) in ((0.0, 0.75), (1.0, 1.5))
     assert abs(first.mean_residual) > 1.5
+
+
+def test_a_model_is_off_everywhere_when_a_constant_does_most() -> None:
+    """Else the range is where a column says; also when no column gains anything, and a channel may have none."""
+    u = np.linspace(0.0, 1.0, 400)
+    case: Any = SimpleNamespace(roles={"u": u}, library={})
+    off, all_rows = np.stack([np.ones(400), np.zeros(400)]), np.ones(400, dtype=bool)
+
+    def ranges(**gain: float) -> list[tuple[str, float, float]]:
+        named = {name.replace("_", ":"): value for name, value in gain.items()}
+        found = where_it_fails(case, Adequacy(0.0, 9.0, "", named), off, all_rows, {"u": u}, ("a", "b"))
+        return [(one.channel, one.low, one.high) for one in found]
+
+    assert ranges(column_u_0=2.0, constant__0=5.0) == [("a", 0.0, 1.0)]
+    for gains in (
+        {"column_u_0": 5.0, "constant__0": 2.0},
+        {"column_u_0": -3.0},
+        {"column_u_0": -3.0, "constant__0": -4.0},
+    ):
+        ((channel, low, high),) = ranges(**gains)
+        assert channel == "a"
+        assert high - low <= 0.75
+    assert [one[0] for one in ranges(column_u_0=2.0, constant__1=5.0)] == ["a"]
+
+
+@pytest.mark.parametrize("directed", [True, False])
+def test_what_turns_with_the_motion_is_told_so(directed: bool) -> None:
+    """Friction that is missing has a mean of zero over both directions: without them it would stand out nowhere."""
+    random = np.random.default_rng(4)
+    load, omega = np.linspace(10.0, 20.0, 400), random.choice([-3.0, 3.0], 400)
+    rows = np.ones(402, dtype=bool)
+    rows[[0, 401]] = False  # of the case, and not of those that are looked at
+    case: Any = SimpleNamespace(roles={"omega": np.concatenate([[0.0], omega, [0.0]])})
+    left = np.where(load > 15.0, 2.0 * (np.sign(omega) if directed else 1.0), 0.0)
+    found = failure_on(case, "load", load, left[None], 0, rows, ("current",), 7.0)
+    assert found.with_direction == directed
+    assert found.low == pytest.approx(15.0, abs=0.3)
+    assert found.high == 20.0
+    assert found.mean_residual == pytest.approx(2.0, abs=0.2)
 
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")

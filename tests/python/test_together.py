@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import doctest
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare import together as module
 from terrapin_tools.workbench.compare.comparison import analyse
@@ -45,3 +48,28 @@ def test_what_is_determined_is_not_named_and_what_is_not_is_told(tmp_path: Path)
     assert list(tied["parameters"]) == ["a", "b", "c"]
     assert [known["formula"] for known in tied["determined"]] == ["a/c", "b/c"]
     assert np.isfinite(tied["determined"][0]["sd"])
+
+
+@pytest.mark.parametrize("wrong", ["prediction", "derivatives"])
+def test_where_the_model_has_no_numbers_the_others_are_not_followed(wrong: str) -> None:
+    """The way that was known so far is kept; least squares of no numbers would end the command."""
+
+    class Bound:
+        def predict(self, theta: Array) -> Array:
+            return np.full((1, 6), theta[0] * theta[1])
+
+        def jacobian(self, theta: Array) -> tuple[Array, Array]:
+            derivatives = np.broadcast_to([theta[1], theta[0]], (1, 6, 2)).copy()
+            prediction = self.predict(theta)
+            if wrong == "prediction":
+                prediction[0, 2] = np.nan
+            else:
+                derivatives[0, 2] = np.inf
+            return prediction, derivatives
+
+    fit = SimpleNamespace(theta=np.array([2.0, 3.0]), bound=Bound())
+    analysis: Any = SimpleNamespace(fit=fit, noise=SimpleNamespace(sigma=np.array([0.1])))
+    moved = module._moved(analysis, np.array([0, 1]), 0, np.array([1]), np.array([-1.5]))
+    step = moved[0] - 2.0
+    assert step > 0.0
+    np.testing.assert_allclose(moved[1], 3.0 - 1.5 * step)
