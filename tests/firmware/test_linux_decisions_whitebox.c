@@ -35,6 +35,7 @@ void setUp(void) {
 void tearDown(void) {
     c.estop = NULL;
     c.led = NULL;
+    c.direction = NULL;
     controller_close(&c);
 }
 
@@ -84,17 +85,19 @@ static void test_a_turn_whose_duty_does_not_go_ends_it(void) {
     volatile bool backward = true;
     gpio_line direction = {.output = &backward, .letter = 'D'};
     c.direction = &direction;
-    c.backward = true;
-    c.driving = true;
-    *enable_output = true;
+    c.stopped = c.broken = false;
     c.outputs.enable = true;
     c.outputs.duty_q15 = 500;
-    zero_refuses = true;
-    apply(&c);
-    TEST_ASSERT_TRUE(c.broken);
-    TEST_ASSERT_FALSE(*enable_output);
-    TEST_ASSERT_FALSE(c.driving);
-    c.direction = NULL;
+    for (int refuses = 0; refuses < 2; refuses++) {
+        c.driving = c.backward = backward = true;
+        *enable_output = true;
+        zero_refuses = refuses == 1;
+        apply(&c);
+        TEST_ASSERT_EQUAL(refuses == 1, c.broken);
+        TEST_ASSERT_EQUAL(refuses == 0, *enable_output);
+        TEST_ASSERT_EQUAL(refuses == 0, c.driving);
+        TEST_ASSERT_FALSE(backward);
+    }
 }
 
 static void test_an_emergency_needs_no_step(void) {
