@@ -14,6 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "campaigns"))
 from discovery_campaign import one
 from discovery_cases import Made, confounded, make
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import error, fitted_on, measured
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.ranking import Blamed
@@ -176,6 +177,31 @@ def test_bootstrap_weights_give_the_evidence_of_all_runs() -> None:
         picks = np.arange(linear.columns.shape[1])[None, :]
         expected = whole.blocks(whole.gram(linear.columns), picks, linear.signs[None, :], linear.offset)
         assert Sums(runs, linear, behind, PLAIN).evidence(np.ones((1, 10))) == pytest.approx(expected, abs=1e-6)
+
+
+def test_around_a_fit_a_model_is_linear_in_noise_sd() -> None:
+    """Derivatives are those of the prediction over the noise sd; an effect's column has the size of the noise."""
+    case = made("rolling_steady", ("aerodynamic_drag",), 10, 0.5, 2.0, seed=9).case
+    sigma = np.array([0.02])
+    fit = fitted_on(case, ("aerodynamic_drag",), case.train, sigma)[-1]
+    rows = case.train | case.test
+    found = linearise(fit, ("aerodynamic_drag",), measured(fit.model, rows), rows, sigma)
+    bound = fit.model.bind(case.inputs, rows)
+
+    def moved(place: int) -> Array:
+        step = 1e-5 * max(abs(fit.theta[place]), 1e-3)
+        near = [fit.theta + way * step * (np.arange(len(fit.theta)) == place) for way in (1.0, -1.0)]
+        return np.asarray((bound.predict(near[0]) - bound.predict(near[1])) / (2.0 * step) / sigma[:, None])
+
+    np.testing.assert_allclose(found.residual, (measured(fit.model, rows) - bound.predict(fit.theta)) / sigma[:, None])
+    own = [i for i, f in enumerate(fit.model.fitted) if f.effect is None]
+    for k, place in enumerate(own):
+        np.testing.assert_allclose(found.base[..., k], moved(place), rtol=1e-4, atol=1e-6)
+    (at,) = [i for i, f in enumerate(fit.model.fitted) if f.effect == "aerodynamic_drag"][:1]
+    np.testing.assert_allclose(
+        found.columns[:, 0] * found.offset[0], (fit.theta[at] * moved(at)).reshape(-1), rtol=1e-4
+    )
+    assert np.sqrt(np.mean(found.columns[:, 0] ** 2)) == pytest.approx(1.0)
 
 
 def test_a_short_campaign() -> None:
