@@ -19,6 +19,8 @@ from slcan_feeder import Feeder
 from terrapin_hil.messages import interface
 from terrapin_hil.nodes import Node, node_count
 from terrapin_tools.logs.reading import read_log
+from terrapin_tools.workbench.story.sentences import amount
+from terrapin_tools.workbench.story.story import Value
 
 SERIOUS = ("serious", "critical")
 
@@ -150,6 +152,20 @@ def test_a_signal_is_dragged_into_the_charts_and_the_layout_kept(page: Page, ser
     page.get_by_role("button", name="Drop the layout").click()
     expect(page.get_by_label("Layout", exact=True)).to_have_text("layout …")
     page.get_by_role("button", name="Leave").click()
+
+
+def test_numbers_have_the_digits_of_their_sd(page: Page) -> None:
+    """As the terminal and a report have them; without an sd four digits, and a prefix of the unit."""
+    found = page.evaluate(
+        """async (all) => {
+            const { quantity } = await import('/static/plots/basics.js');
+            return all.map(([value, unit, sd]) => quantity(value, unit, sd));
+        }""",
+        [[0.1701234, "N m", 0.0053], [0.01206, "N m", 0.00012], [-7.2e-6, "N m", 0], [123456.0, "Pa", 700.0]],
+    )
+    assert found == ["0.1701 ± 0.0053 N m", "12.06 ± 0.12 mN m", "\N{MINUS SIGN}7.2 µN m", "123.46 ± 0.70 kPa"]
+    told = [amount(Value(0.01206, 0.00012, "N m")), amount(Value(123456.0, 700.0, "Pa"))]
+    assert found[1::2] == told
 
 
 BARS = """async ([points, begin, end, width, steps]) => {

@@ -29,6 +29,7 @@ from terrapin_tools.workbench.fleet.lines import json_line
 from terrapin_tools.workbench.story import answer, page, terminal
 from terrapin_tools.workbench.story.explain import explain
 from terrapin_tools.workbench.story.plot_data import page_data
+from terrapin_tools.workbench.story.sentences import amount
 from terrapin_tools.workbench.story.story import Findings, Part, Place, Story
 from terrapin_tools.workbench.story.terminal import tell, tell_shortly
 from terrapin_tools.workbench.story.told import found_by, told
@@ -154,9 +155,9 @@ def check(chip: str, example: Example, said: str) -> None:
         assert re.search(rf"{one.effect}\s.*?{re.escape(shown)}", said), (one.effect, shown)
         expected += [card.reason]
         if one.effect in found.missing:
-            expected += [f"{name} = {value.value:.5g} +- {value.sd:.2g}" for name, value in card.values.items()]
+            expected += [f"{name} = {amount(value).replace('±', '+-')}" for name, value in card.values.items()]
     for key, value in story.parameters.items():
-        expected += [key, f"{value.value:.5g} +- {value.sd:.2g}"]
+        expected += [key, amount(value).replace("±", "+-")]
     for name, channel in story.channels.items():
         expected += [f"{name} {channel.noise_sd:.4g} {channel.train_rmse:.4g} {channel.heldout_rmse:.4g}"]
     if found.missing and found.verdict == "missing":

@@ -1,6 +1,6 @@
 // Strip charts over one time axis, on one canvas: each signal in a lane of its own, events in the last, one cursor over
 // all. Where several points fall on a pixel, the line spans from the lowest to the highest: no spike is lost.
-import { css, h, number, unit } from './app.js';
+import { css, h, number, quantity } from './app.js';
 import { ticks } from './plots/painting.js';
 
 const KEPT = 1 << 15; // points of a signal
@@ -310,13 +310,13 @@ export class Strip {
     }
     const shown = lane.ring.at(this.cursor ?? end);
     const truly = lane.truth?.at(this.cursor ?? end);
-    const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : `${number(shown)}${unit(lane.unit)}`;
+    const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : quantity(shown, lane.unit, (lane.sd?.at(this.cursor ?? end) ?? 0) * 2);
     pen.textAlign = 'left';
     pen.fillStyle = colours[lane.colour];
     pen.fillRect(LEFT, top + 5, 8, 8);
     pen.fillStyle = colours['--ink'];
-    const beside = lane.sd ? `   ± ${number(2 * (lane.sd.at(this.cursor ?? end) ?? 0), 2)} (2 sd)` : '';
-    pen.fillText(`${lane.name}   ${said}${beside}${truly === null || truly === undefined ? '' : `   truth ${number(truly)}${unit(lane.unit)}`}${lane.other ? `   grey: ${number(lane.other.at(this.cursor ?? end))}` : ''}`, LEFT + 14, top + 9);
+    const beside = lane.sd ? ' (2 sd)' : '';
+    pen.fillText(`${lane.name}   ${said}${beside}${truly === null || truly === undefined ? '' : `   truth ${quantity(truly, lane.unit)}`}${lane.other ? `   grey: ${number(lane.other.at(this.cursor ?? end))}` : ''}`, LEFT + 14, top + 9);
   }
 
   /**

@@ -57,6 +57,9 @@ __all__ = [
 
 NEAR_FLOOR = 1.15  # error in noise sd that is as good as the floor on a handful of held-out runs
 LITTLE = 0.1  # share of the misfit below which a candidate explains next to nothing
+PREFIXED = ("N", "V", "A", "W", "J", "Pa", "m", "s", "Hz", "H", "F", "ohm")  # units that may have a prefix
+PREFIXES = {-9: "n", -6: "µ", -3: "m", 3: "k", 6: "M", 9: "G"}
+MOST_DIGITS = 9  # behind the point
 NAMED_RUNS = 4  # runs that are named as carrying the misfit
 
 CHIPS = {
@@ -114,8 +117,32 @@ def named_unit(name: str, text: str) -> str:
 
 
 def amount(value: Value) -> str:
-    sd = f" ± {value.sd:.2g}" if value.sd and math.isfinite(value.sd) else ""
-    return f"{number(value.value, 5)}{sd}{behind(value.unit)}"
+    """A value with as many digits as its sd allows, two of the sd's own; what is very small or large by a prefix of its
+    unit, or a power of ten.
+
+    >>> amount(Value(0.01206, 0.00012, "N m")), amount(Value(0.0003, 4.4e-6, "s^2/rad^2"))
+    ('12.06 ± 0.12 mN m', '(300.0 ± 4.4)e-6 s^2/rad^2')
+    """
+    sd = value.sd if value.sd and math.isfinite(value.sd) else 0.0
+    if value.value is None or not math.isfinite(value.value):
+        return f"{number(value.value)}{behind(value.unit)}"
+    size, unit = max(abs(value.value), sd), behind(value.unit)
+    prefixed = value.unit.split(" ")[0].split("/")[0] in PREFIXED
+    plain = not size or (0.1 if prefixed else 1e-3) <= size < 1e4 or not (sd or prefixed)
+    power = 0 if plain else 3 * math.floor(math.log10(size) / 3)
+    text = _with_sd(value.value / 10.0**power, sd / 10.0**power)
+    if prefixed and power in PREFIXES:
+        return f"{text} {PREFIXES[power]}{unit.strip()}"
+    return f"({text})e{power}{unit}" if power else f"{text}{unit}"
+
+
+def _with_sd(value: float, sd: float) -> str:
+    if not sd:
+        return number(value, 5)
+    digits = max(0, 1 - math.floor(math.log10(sd)))
+    if digits > MOST_DIGITS:  # known better than it is worth printing
+        return f"{number(value, 9)} ± {sd:.2g}"
+    return f"{round(value, digits) + 0.0:.{digits}f} ± {sd:.{digits}f}"  # no -0
 
 
 def interval(key: str, one: Interval) -> tuple[str, str, str, str]:

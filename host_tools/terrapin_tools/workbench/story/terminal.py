@@ -136,7 +136,7 @@ def _errors(rung: Rung) -> tuple[str, str]:
 
 def _plain(text: str) -> str:
     """For a terminal that knows ASCII only."""
-    return text.replace("±", "+-")
+    return text.replace("±", "+-").replace("µ", "u")
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:

@@ -35,6 +35,24 @@ export function fixed(value, decimals) {
   return (Number(text) === 0 ? text.replace('-', '') : text).replace('-', '−');
 }
 
+const PREFIXED = ['N', 'V', 'A', 'W', 'J', 'Pa', 'm', 's', 'Hz', 'H', 'F', 'ohm'];
+/** @type {Record<string, string>} */
+const PREFIXES = { '-9': 'n', '-6': 'µ', '-3': 'm', 3: 'k', 6: 'M', 9: 'G' };
+
+/**
+ * A quantity with its unit, very small or large by a prefix of it: 12.06 mN m; with two digits of its sd, where there is
+ * one, and as many of its own: 170.1 ± 5.3 mN m. As `amount` of workbench/story/sentences.py has it.
+ * @param {number | null | undefined} value @param {string} text of the unit
+ */
+export function quantity(value, text, sd = 0, digits = 4) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return '–';
+  const size = Math.max(Math.abs(value), sd), prefixed = PREFIXED.includes(text.split(/[ /]/)[0]);
+  const power = !size || !prefixed || (size >= 0.1 && size < 1e4) ? 0 : 3 * Math.floor(Math.log10(size) / 3);
+  const prefix = PREFIXES[power] ?? '', scale = prefix ? 10 ** -power : 1;
+  const places = sd > 0 ? Math.min(9, Math.max(0, 1 - Math.floor(Math.log10(sd * scale)))) : 0;
+  return `${sd > 0 ? `${fixed(value * scale, places)} ± ${fixed(sd * scale, places)}` : number(value * scale, digits)}${prefix ? ` ${prefix}${text}` : unit(text)}`;
+}
+
 /** A unit to stand behind a number; nothing for a plain number. @param {string | null | undefined} text */
 export const unit = (text) => (text && text !== '1' ? ` ${text}` : '');
 
