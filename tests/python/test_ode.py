@@ -19,10 +19,9 @@ from terrapin_hil.physics.program import instructions
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
-from terrapin_tools.workbench.discover import expressions
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.ranker import Ranker
-from terrapin_tools.workbench.formulas.expressions import library as listed_expressions
+from terrapin_tools.workbench.formulas import expressions
 from terrapin_tools.workbench.model.fitting import covariance, minimise
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.kinds import NODES
@@ -338,7 +337,7 @@ def test_a_long_list_is_weighed_as_a_short_one(tmp_path: Path, monkeypatch: pyte
     found = analyse(load_case(spring(tmp_path / "case", CUBIC)))
     ranker = Ranker(found, lambda _: None)
     base = ranker.base.reshape(ranker.values.size, -1)
-    listed = listed_expressions(
+    listed = expressions.library(
         found.model, found.fit.theta, ranker.rows, ranker.sigma, ranker.columns_without(()), base
     )
     every = listed.promise(ranker.evidence)
