@@ -133,6 +133,16 @@ def test_what_falls_with_a_distance_may_fall_with_its_square() -> None:
     assert not any(term.text.startswith("1/") for term in shapes("x", np.linspace(0.0, 7.0, 50), "m"))
 
 
+@pytest.mark.parametrize(("low", "high"), [(0.0, 0.5), (0.2, 0.5), (-0.5, 0.0), (-0.5, 0.5)])
+def test_in_a_column_of_one_sign_its_sign_is_nothing(low: float, high: float) -> None:
+    """|x| is x there and sign(x) a constant: said beside each other, the one law would be taken for two."""
+    found = {term.text for term in shapes("x", np.linspace(low, high, 50), "m")}
+    assert ("sign(x)" in found) == ("abs(x)" in found) == (low * high < 0.0)
+    assert any("sign(" in text for text in found) == (low * high < 0.0)
+    if low >= 0.0:
+        assert not any("abs(" in text for text in found)
+
+
 @pytest.mark.parametrize(
     ("target", "text", "column", "seed"),
     [
