@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from contextlib import closing
+
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 from serving import Server
 
 
@@ -75,3 +78,26 @@ def test_changes_and_back(page: Page, server: Server) -> None:
     page.wait_for_timeout(200)
     expect(page.locator(".job")).to_be_hidden()
     assert file.read_bytes() == stages[1]
+
+
+def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browser) -> None:
+    """An absent case, an absent source, a file that is none, a slip in a formula; each is mended without a reload."""
+    server.ask("POST", "/api/examples/heated_motor")
+    with closing(browser.new_context()) as context:  # of its own: the browser's console notes each refusal
+        page = context.new_page()
+        page.goto(f"{server.line}#workbench/nothere")
+        expect(page.get_by_text("found no 'nothere' in the workspace")).to_be_visible()
+        page.evaluate("location.hash = '#live/robot:nothere'")
+        expect(page.locator(".tab-live > .notice")).to_contain_text("found no “robot:nothere” to watch")
+        page.get_by_role("link", name="Workbench").click()
+        wrong = [{"name": "junk.csv", "mimeType": "text/csv", "buffer": bytes(range(256))}]
+        page.locator("#files").set_input_files(wrong)  # type: ignore[arg-type]
+        expect(page.get_by_role("alert")).to_have_text(re.compile("^junk.csv: byte 128 is not UTF-8 text"))
+        page.get_by_role("button", name="Dismiss").click()
+        page.get_by_role("link", name="Steady rolling on dry sand").click()
+        page.get_by_text("Own effect").click()
+        page.get_by_label("expression").fill("k * omga")
+        expect(page.locator(".own")).to_contain_text("or is omega meant?")
+        page.get_by_label("expression").fill("k * omega")
+        expect(page.locator(".own")).to_contain_text("sound: k in")
+        expect(page.locator(".own")).not_to_contain_text("meant?")

@@ -224,6 +224,7 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
 
     async def use() -> None:
         app = MonitorApp(live(), LogFile(log, speed=1000.0), 0.5)
+        app.live.plot("GROUND.terrain", True)
         async with app.run_test(size=size) as pilot:
 
             async def until(holds: Callable[[], bool]) -> None:
@@ -238,6 +239,7 @@ def test_display(log: Path, size: tuple[int, int]) -> None:
             assert "none" in text(app, "controller")
             assert "x.log" in text(app, "head")
             assert "MOTION.slip  0 to 0.199" in text(app, "plot")
+            assert "GROUND.terrain  sand to sand" in app._plot(80, 30).plain
             table = app.query_one("#signals", DataTable)
             everything = table.row_count
             assert app._table.get_cell("GROUND.terrain", "value") == "sand"  # by its name

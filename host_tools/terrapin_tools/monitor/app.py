@@ -199,8 +199,9 @@ class MonitorApp(App[None]):
         for number, (name, trace) in enumerate(shown):
             colour = COLOURS[number % len(COLOURS)]
             lines, low, high = braille(trace.times, trace.values, width, each - 1, PLOT_SECONDS)
-            unit = self.live.units.get(name, "")
-            text.append(f"{name}  {low:.4g} to {high:.4g} {unit}\n", style=f"bold {colour}")
+            unit, words = self.live.units.get(name, ""), self._words.get(name, {})
+            ends = " to ".join(words.get(end, f"{end:.4g}") for end in (low, high))
+            text.append(f"{name}  {ends} {unit}\n", style=f"bold {colour}")
             for line in lines:
                 text.append(line + "\n", style=colour)
         return text

@@ -6,6 +6,7 @@ Every function takes and gives plain JSON values.
 from __future__ import annotations
 
 import json
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -175,6 +176,9 @@ def bases() -> list[dict[str, Any]]:
     ]
 
 
+SLIP = 0.85  # of difflib's ratio: omga for omega has 0.89, omega_s of somebody's own 0.83
+
+
 def check_expression(
     folder: str, expression: str, target: str, parameters: dict[str, dict[str, Any]]
 ) -> dict[str, Any]:
@@ -226,6 +230,9 @@ def check_expression(
     units = {p.name: p.unit or "1" for p in larger.library[name].parameters}
     first = next(iter(units), None)
     message = "sound: " + ", ".join(f"{key} in {unit}" for key, unit in units.items()) if units else "sound"
+    for key in units:
+        if meant := get_close_matches(key, known, 1, SLIP):
+            message += f"; {key} is a parameter of its own: or is {meant[0]} meant?"
     return answer(True, message, unit=units.get(first or ""), mathml=mathml, names=sorted(parsed.names))
 
 

@@ -81,8 +81,9 @@ export class Source {
 
   /** What an address names, where nothing is watched yet: #live/robot:floor. @param {string} name */
   async wanted(name) {
-    const { app, run } = this.desk;
-    if (!name || ![...this.source.options].some((one) => one.value === name)) return;
+    const { app, run, tell } = this.desk;
+    if (!name) return;
+    if (![...this.source.options].some((one) => one.value === name)) { tell(`found no “${name}” to watch: choose one of the sources`); return; }
     history.replaceState(null, '', '#live'); // a reload shows what is watched then
     this.source.value = name;
     this.options();
