@@ -4,7 +4,8 @@ A cylinder over time is integrated here, from its own Lagrangian: a shell that r
 voltage; its gear passes on a share eta of 0.7 to 0.95 of the motor's torque (1/eta when driven back). With a folder of
 tables of other systems that somebody else's code made (rs_none: a sphere that rolls steadily; veh_multipass: a car),
 the current or torque of these is what a motor before such a gear would have shown. Right is gear_efficiency, or
-constant.torque_constant, told alone or among those that are tied; wrong is any other effect above 0.9.
+constant.torque_constant, told alone or among those that are tied; of the sphere, whose friction stands before the gear,
+gear_behind_friction. Wrong is any other effect above 0.9.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.discovery import discover
 
 ETA = (0.7, 0.95)
-RIGHT = {"gear_efficiency", "constant.torque_constant"}
+RIGHT = {"gear_efficiency", "gear_behind_friction", "constant.torque_constant"}
 SURE = 0.9
 RADIUS, ARM, GRAVITY, SHELL, BOB, SHELL_INERTIA, BOB_INERTIA = 0.08, 0.05, 9.81, 0.3, 1.6, 1.92e-3, 4e-4
 WHEEL, CONSTANT, OHMS = 0.018, 0.11, 5.0  # radius of the drive [m], torque constant [N m/A]

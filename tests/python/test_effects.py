@@ -23,7 +23,7 @@ SHIPPED = {
     *("bulldozing", "slip_sinkage", "bearing_friction", "force_offset", "torque_gain", "rate_effect", "multipass"),
     *("moisture_cohesion", "rut_recovery"),
     *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
-    *("sensor_delay", "encoder_misalignment", "backlash", "gear_efficiency"),
+    *("sensor_delay", "encoder_misalignment", "backlash", "gear_efficiency", "gear_behind_friction"),
     *("bulldozing_at_axle", "slip_sinkage_at_axle", "rut", "rut_at_axle", "swing_friction", "split_ground"),
 }
 STEADY = ("rolling_steady", "sphere_contact", "wheel_contact")  # models whose rows do not depend on each other
@@ -59,6 +59,11 @@ def _case(folder: Path, base: str, roles: list[str], effects: list[str], extra: 
             "radius = 0.22\nn = 0.97\ncohesion = 400\nfriction_angle = 0.7\nshear_modulus = 0.018\nc1 = 0.18\n"
             "c2 = 0.32\nunit_weight = 19600\nn_c = 20\nn_gamma = 6\n"
         ),
+        "rolling_sphere": (
+            "radius = 0.22\ndrive_radius = 0.01\ntorque_constant = 0.04\ncoulomb = 0.6\nviscous = 0.05\nn = 0.97\n"
+            "cohesion = 0\nfriction_angle = 0.7\nshear_modulus = 0.018\nunit_weight = 19600\nn_c = 20\nn_gamma = 6\n"
+            "c1 = 0.18\nc2 = 0.32\n"
+        ),
         "wheel_contact": (
             "radius = 0.08\nwidth = 0.15\nk_phi = 1528e3\nn = 1.1\ncohesion = 700\nfriction_angle = 0.5\n"
             "shear_modulus = 0.025\nunit_weight = 16000\nn_c = 20\nn_gamma = 6\n"
@@ -67,6 +72,7 @@ def _case(folder: Path, base: str, roles: list[str], effects: list[str], extra: 
     fit = {
         "rolling_steady": f"f_o = {{ value = {F_O} }}",
         "sphere_contact": "k_s = { value = 1.2e6 }",
+        "rolling_sphere": "k_s = { value = 1.2e6 }",
         "wheel_contact": "k_c = { value = 24e3 }",
     }[base]
     text = (
@@ -293,6 +299,19 @@ def test_a_gear_takes_its_share_by_who_drives(tmp_path: Path) -> None:
         known = _case(tmp_path, "rolling_steady", ROLES_ROLLING, names, extra, known="gear_efficiency = 0.8\n")
         np.testing.assert_allclose(got, _predict(known, {})[0], rtol=1e-9)
     assert (base * W < 0.0).any()
+
+
+def test_a_gear_behind_the_friction_loses_nothing_of_it(tmp_path: Path) -> None:
+    roles = ["omega", *ROLES_CONTACT]
+    plain, friction = (
+        _predict(_case(tmp_path, "rolling_sphere", roles, [], known=known), {})[0]
+        for known in ("", "joint_efficiency = 1e12\n")
+    )
+    np.testing.assert_allclose(friction, (0.6 * np.sign(W) + 0.05 * W) / (0.22 / 0.01 * 0.04), rtol=1e-9)
+    case = _case(tmp_path, "rolling_sphere", roles, ["gear_behind_friction"])
+    got = _predict(case, {"gear_behind_friction.loss": 0.2})[0]
+    assert ((plain - friction) * W > 0.0).all()
+    np.testing.assert_allclose(got, (plain - friction) / 0.8 + friction, rtol=1e-9)
 
 
 def test_order_additions_gains_offsets(tmp_path: Path) -> None:

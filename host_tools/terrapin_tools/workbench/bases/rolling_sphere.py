@@ -17,7 +17,8 @@ from terrapin_tools.workbench.bases.rolling_steady import LOSSLESS, before_gear
 
 
 class RollingSphere(Contact):
-    """eta (R/r) K_t i = T(s) sgn(omega) + A sgn(omega) + B omega + dC, and the pull F(s) - X, along the motion."""
+    """eta (R/r) K_t i = T(s) sgn(omega)/eta_j + A sgn(omega) + B omega + dC, and the pull F(s) - X, along the motion.
+    Of the two efficiencies eta stands before the friction, eta_j behind it."""
 
     def targets(self) -> list[Target]:
         return [("resistance", 1.0), *super().targets(), ("torque_constant", PARAMETER_COST)]
@@ -33,7 +34,8 @@ class RollingSphere(Contact):
     def outputs(self, values: Values, terms: Terms, solved: Solved) -> dict[str, Array]:
         v = {name: np.asarray(values[name]) for name in ("radius", "drive_radius", "torque_constant", "omega")}
         direction = np.sign(v["omega"])
-        torque = (solved.torque + values["coulomb"]) * direction + values["viscous"] * v["omega"]
+        shell = before_gear(solved.torque * direction, direction, np.asarray(values["joint_efficiency"]))
+        torque = shell + values["coulomb"] * direction + values["viscous"] * v["omega"]
         efficiency = np.asarray(values["gear_efficiency"])
         geared = v["radius"] / v["drive_radius"] * v["torque_constant"]
         return {
@@ -52,6 +54,7 @@ BASE = RollingSphere(
         "coulomb": Quantity("N m", "0.6 N m"),
         "viscous": Quantity("N m s/rad", "50 mN m s/rad"),
         "gear_efficiency": LOSSLESS,
+        "joint_efficiency": LOSSLESS,
         "k_s": Quantity("Pa/m^n"),
         **SOIL,
         "c1": Quantity("1", "0.18"),
