@@ -17,10 +17,12 @@ from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
+from terrapin_tools.workbench.noise.estimate import Noise
 from terrapin_tools.workbench.noise.kinds import ALIKE, ALL, NODES, PLAIN, Kind, Node, by_filter, considered
-from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.noise.marginal_likelihood import LIKELY, STATED, Evidence
 from terrapin_tools.workbench.noise.odd import odd_rows
 from terrapin_tools.workbench.noise.precision import Precision
+from terrapin_tools.workbench.noise.stated import SURE, Given, followed
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
@@ -115,6 +117,55 @@ def test_unlike_noise_of_two_channels_is_no_effect(number: int) -> None:
 def test_noise_of_one_channel_in_words() -> None:
     node = Node(0.0, 0.0, 1.0, 0.0, 1.0, only=1, rest=WHITE)
     assert node.words(("current", "voltage")) == "white + run offsets in voltage, white elsewhere"
+
+
+def test_a_drift_has_unit_size_in_each_run() -> None:
+    """So that its sd is that of a row, however long a run is; in a run of one row there is none."""
+    runs = scattered()
+    for number in np.unique(runs.run):
+        line = runs.line[runs.run == number]
+        if len(line) == 1:
+            assert line.tolist() == [0.0]
+            continue
+        assert line.mean() == pytest.approx(0.0, abs=1e-12)
+        assert np.mean(line**2) == pytest.approx(1.0)
+        np.testing.assert_allclose(np.diff(line), line[1] - line[0])
+        assert line[1] > line[0]
+
+
+@pytest.mark.parametrize("behind", [0.0, STATED])
+def test_the_likeliest_noise_has_its_sd_and_few_kinds_go_with_it(behind: float) -> None:
+    """White noise of 1.3 sd: with a sd of 1 stated, by STATED degrees of freedom, a mean of the two."""
+    run = np.repeat(np.arange(10), 40)
+    residual = 1.3 * np.random.default_rng(6).standard_normal((1, 400))
+    evidence = Evidence(Runs(run), residual, np.ones((1, 400, 1)), behind)
+    node, sd = evidence.likeliest()
+    assert replace(node, prior=1.0) == WHITE
+    square = float(((residual - residual.mean()) ** 2).sum())
+    assert sd == pytest.approx(np.sqrt((behind + square) / (behind + 399.0)), rel=1e-6)
+    among = set(evidence.among(np.zeros((400, 0))))
+    likely = {evidence.nodes[i] for i in np.flatnonzero(evidence.posterior > LIKELY)}
+    assert among == likely | set(PLAIN)
+    assert len(among) < len(evidence.nodes)
+
+
+def test_how_surely_a_stated_sd_is_off_is_told_of_that_channel_alone() -> None:
+    """Rows of 1.35 times the sd that is stated, by 60 degrees of freedom, are not sure: they are nearly so."""
+    stated = Noise(
+        np.ones(2), np.array([True, True]), WHITE, "as given", np.full(2, np.inf), None,
+        ratio=np.array([1.35, 1.0]), ratio_freedom=60.0,
+    )  # fmt: skip
+    asked: list[Given] = []
+
+    def again(given: Given) -> Noise:
+        asked.append(given)
+        return replace(stated, sigma=np.array([1.35, 1.0]), known=np.array([False, given[1] is not None]))
+
+    found = followed(stated, [1.0, 1.0], again)
+    assert asked == [[None, None], [None, 1.0]]
+    assert SURE < found.wrong[0] < 0.9999
+    assert found.wrong[1] == 0.0
+    assert found.ratio.tolist() == [1.35, 1.0]
 
 
 def test_priors_of_the_kinds_of_noise_add_up() -> None:
