@@ -113,7 +113,10 @@ def main() -> int:
                         ready(page)
                         page.wait_for_timeout(300)
                         path = to / f"{name}-{width}-{theme}.png"
-                        page.screenshot(path=str(path), full_page=True, style=".strip { position: static; }")
+                        page.evaluate(
+                            "document.querySelector('.strip').style.position = 'static'"
+                        )  # else in the middle
+                        page.screenshot(path=str(path), full_page=True)
                         if name == "mapping":  # the next one begins with no file
                             page.get_by_role("button", name="Discard").click()
                             page.get_by_text("What the file holds").wait_for(state="detached")

@@ -210,6 +210,7 @@ def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     page.get_by_role("button", name="Watch").click()
     expect(page.locator(".event.state").first).to_be_visible()
     expect(page.locator("[data-tile=State]")).to_contain_text(re.compile("run|limiting|stuck"))
+    expect(page.locator(".signal-table tbody tr").first).not_to_contain_text(re.compile("COMMAND|STOP_ALL"))
     page.get_by_label("Filter signals").fill("torque|duty")
     expect(page.locator(".signal-table tbody tr")).to_have_count(4)
     page.get_by_label("Filter signals").fill("torque[")  # no regular expression yet: the last good one stays

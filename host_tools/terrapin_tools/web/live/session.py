@@ -101,7 +101,8 @@ class Session:
         self.kind = _kind(source)
         if self.kind in ("robot", "simulator"):
             self.live.units.update({name: unit for name, _, unit in TRUE})
-        self.names = list(self.live.units)
+        asked = {name for name, one in interface.messages.items() if one.sender == "host"} if interface else set()
+        self.names = sorted(self.live.units, key=lambda name: name.split(".")[0] in asked)  # what it says comes first
         self.state = "live"  # live, over, gone
         self.note = ""
         self.stop_held = False

@@ -44,7 +44,7 @@ export class Tiles {
     const slip = value('MOTION.slip'), over = (slip ?? 0) > (hello.slip_limit ?? 0);
     this.one('Slip', fixed(slip, 3), over ? 'bad' : '', `${value('MOTION.slip_valid') ? '' : 'not valid, '}limit ${number(hello.slip_limit)}`);
     const torque = value('GROUND.torque'), sd = value('GROUND.torque_sd') ?? 0;
-    this.one('C_t', quantity(torque, 'N m', sd), '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
+    this.one('C_t, mN m', torque === null ? '–' : quantity(torque * 1e3, '', sd * 1e3), '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
     this.one('Terrain', word('GROUND.terrain'), '', `by ${fixed(value('GROUND.margin'), 1)} sd`);
     this.one('Motor', `${fixed(value('ELECTRICAL.current'), 3)} A`, '', `${fixed(value('ELECTRICAL.voltage'), 2)} V, ${fixed(value('ELECTRICAL.temperature'), 1)} °C`);
     this.one('Speed', `${fixed(value('MOTION.ground_speed'), 3)} m/s`, '', `shell ${fixed(value('MOTION.shell_speed'), 2)} rad/s`);
