@@ -20,6 +20,7 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, _p_value, failure_on, where_it_fails
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT, BayesFactor, Block
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse, fitted_on
+from terrapin_tools.workbench.model.data_columns import DEGREE, column_shapes
 from terrapin_tools.workbench.model.fitting import covariance
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import Runs
@@ -166,6 +167,23 @@ def test_the_range_that_fails_in_a_column_of_few_levels(tmp_path: Path) -> None:
     assert (first.variable, first.channel) == ("q", "y")
     assert (first.low, first.high) in ((0.0, 0.75), (1.0, 1.5))
     assert abs(first.mean_residual) > 1.5
+
+
+def test_polynomials_of_a_column_go_up_to_their_degree(tmp_path: Path) -> None:
+    """Where a column has no more levels than that, to what they can tell apart."""
+    case = load_case(rolling(tmp_path, 1))
+    rows = np.ones(case.rows, dtype=bool)
+    levels = np.round(2.0 * np.linspace(-1.0, 1.0, case.rows)) / 2.0  # five
+    case = replace(case, extra={**case.extra, "levels": levels})
+    shapes = column_shapes(case, rows)
+    for name, most in (("humidity", DEGREE), ("levels", min(DEGREE, 4))):
+        x = case.extra[name]
+        basis = np.vstack([np.ones(case.rows), shapes[name].together]).T
+        u = (2.0 * x - x.min() - x.max()) / (x.max() - x.min())
+        for k in range(1, most + 1):
+            left = u**k - basis @ np.linalg.lstsq(basis, u**k, rcond=None)[0]
+            assert np.sqrt(np.mean(left**2)) < 1e-9, (name, k)
+    np.testing.assert_allclose(np.mean(shapes["humidity"].together ** 2, axis=1), 1.0)
 
 
 def test_a_model_is_off_everywhere_when_a_constant_does_most() -> None:
