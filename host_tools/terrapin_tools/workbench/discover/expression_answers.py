@@ -181,22 +181,24 @@ def _named(ranker: Ranker, index: int) -> str:
 
 def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """The answers without those of several terms of which one does not pay on the held-out runs: an expression, and any
-    effect where the noise sd is an estimate. That is too large where what is missing differs between equal settings (a
-    friction that turns round), and then the smallest flaw of an effect's shape would earn it company. There it must
-    also pay beside the shorter set of effects that predicts the held-out runs best, whatever that is made of."""
+    effect of a body over time, of whose motion no model has every detail, or where the noise sd is an estimate. That is
+    too large where what is missing differs between equal settings (a friction that turns round), and then the smallest
+    flaw of an effect's shape would earn it company. There it must also pay beside the shorter set of effects that
+    predicts the held-out runs best, whatever that is made of."""
     known = {frozenset(h.effects): h.fit for h in found if h.fit is not None}
     kept: list[Hypothesis] = []
-    estimated = not ranker.analysis.noise.known.all()
-    best = _best_heldout(ranker, found) if estimated else []
+    body = ranker.case.base.whole_runs and ranker.case.dynamics is None
+    every = body or not ranker.analysis.noise.known.all()
+    best = _best_heldout(ranker, found) if every else []
     for h in sorted(found, key=lambda h: -h.log_weight):
-        own = [name for name in h.effects if name in ranker.sketches or estimated]
+        own = [name for name in h.effects if name in ranker.sketches or every]
         if len(h.effects) > 1 and own and h.fit is not None:
             if absent(h.fit, h.effects):
                 continue
             shorter = [tuple(n for n in h.effects if n != name) for name in own]
             near = not kept or h.log_weight > kept[0].log_weight - WITHIN
             asked = [known.get(frozenset(n)) or ranker.fit(n) for n in shorter if frozenset(n) in known or near]
-            if estimated:
+            if every:
                 asked += best[: len(h.effects) - 1][-1:]
             if not all(pays(ranker.analysis, h.fit, fit) for fit in asked):
                 continue
