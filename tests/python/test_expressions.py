@@ -175,6 +175,15 @@ def test_a_deviation_from_a_reference_may_as_well_be_an_offset() -> None:
     assert "k*humidity in" in told_too
 
 
+def test_every_formula_that_is_told_can_be_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A set beside a curve may stand far down the list of which formulas were fitted alone: `terrapin add` of what was
+    told ended with "unknown effect expression_12"."""
+    monkeypatch.setattr("terrapin_tools.workbench.discover.ranking.SHOWN", 0)
+    found = discover(spring(tmp_path / "case", "x**3", 5.0, seed=12))
+    assert found.missing
+    assert set(found.missing) <= {c.effect.name for c in found.candidates}
+
+
 def test_a_reference_may_lie_outside_what_was_measured() -> None:
     """The oil was never as cold as where its friction begins: k*oil**2, which was told at 0.97, is another curve."""
     record = misled.one("tie", 8, 11)

@@ -6,11 +6,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.experiment.hidden_period import hidden_period
 from terrapin_tools.workbench.formulas.periods import waves
+from terrapin_tools.workbench.story.told import told
 
 CASE = """[model]
 base = "equation"
@@ -69,6 +73,34 @@ def test_a_ripple_is_named_with_its_period(
 
 def test_without_a_ripple_nothing_is_missing(tmp_path: Path) -> None:
     assert discover(bench(tmp_path / "case", "rad", 9.4, 7.3, 0.0, seed=6)).verdict == "adequate"
+
+
+@pytest.mark.parametrize(("size", "waves"), [(0.05, 4.0), (0.0, None)])
+def test_a_wave_along_an_angle_that_nobody_measured_is_told(tmp_path: Path, size: float, waves: float | None) -> None:
+    """Four waves a turn in noise that is alike from row to row, each run from another angle on: no column can hold it,
+    and the model would be called adequate without a word."""
+    random, lines = np.random.default_rng(5), ["run,time,speed,torque"]
+    for run in range(8):
+        time = 0.02 * np.arange(150)
+        speed = random.uniform(1.0, 10.0) + 1.5 * np.sin(1.1 * time + run)
+        angle = random.uniform(0.0, 6.0) + np.cumsum(speed) * 0.02
+        noise = lfilter([0.02], [1.0, -0.7], random.standard_normal(150))
+        torque = 0.3 + 0.05 * speed + size * np.sin(4.0 * angle) + noise
+        lines += [f"r{run},{t:.6g},{v:.6g},{m:.6g}" for t, v, m in zip(time, speed, torque, strict=True)]
+    text = CASE.format(unit="s").replace("place", "time")
+    (tmp_path / "case.toml").write_text(text)
+    (tmp_path / "runs.csv").write_text("\n".join(lines) + "\n")
+    analysis = analyse(load_case(tmp_path), 0)
+    found = hidden_period(analysis)
+    notes = [note for note in told(analysis).notes if "periodic" in note]
+    if waves is None:
+        assert (found, notes) == (None, [])
+        return
+    assert found is not None
+    assert (found.speed, found.channel, found.per) == ("speed", "torque", "turn")
+    assert found.rate == pytest.approx(waves, rel=0.02)
+    assert len(notes) == 1
+    assert "measure an angle" in notes[0]
 
 
 @pytest.mark.parametrize("unit", ["rad", "mm"])

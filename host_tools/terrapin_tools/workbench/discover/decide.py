@@ -179,10 +179,9 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
     most = max(sets, part, unknown, mishap)
     if most == mishap:
         blamed = ranking.mishap(analysis.case.run_names)
-        probability = calibrated(ranking.probability(blamed.kind), "mishap") if blamed else 0.0
-        return Decision(
-            "unexplained", probability or calibrated(1.0 - nothing, "unexplained"), blamed=blamed, classes=tuple(every)
-        )
+        probability = ranking.probability(blamed.kind) if blamed else mishap
+        verdict = "mishap" if blamed else "unexplained"
+        return Decision("unexplained", calibrated(probability, verdict), blamed=blamed, classes=tuple(every))
     if most == unknown:
         column = next((h.column for h in ranking.hypotheses if h.kind == "unknown"), "")
         return Decision("unexplained", calibrated(unknown, "unexplained"), column=column, classes=tuple(every))

@@ -37,7 +37,7 @@ from terrapin_tools.workbench.discover.unexplained import Curve, curve
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
-from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.fitting import Fit, extend
 from terrapin_tools.workbench.model.table_faults import at_fault
 from terrapin_tools.workbench.noise.estimate import Noise
 
@@ -183,6 +183,7 @@ def decided(
     answer = top.fit if missing and top is not None else None
     again = None if answer is None else noise_around(analysis.case, answer, analysis.noise, again=True)
     noise = again or analysis.told
+    ranking = _with_each_alone(analysis, ranking, [h.effects for h in said.told])
     candidates = _candidates(analysis, ranking, noise, answer)
     return Discovery(
         analysis=analysis,
@@ -209,6 +210,18 @@ def decided(
         doubts=doubted,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
+
+
+def _with_each_alone(analysis: Analysis, ranking: Ranking, told: Sequence[tuple[str, ...]]) -> Ranking:
+    """The ranking with every formula that is told fitted alone, too: it has a card, and can be added by its name."""
+    case, sigma = analysis.case, analysis.noise.sigma
+    alone = dict(ranking.alone)
+    for name in dict.fromkeys(name for names in told for name in names):
+        if name in ranking.expressions and name not in alone:
+            bound = analysis.model.having(ranking.expressions[name]).bind(case.inputs, case.train)
+            fit = extend(analysis.fit, name, bound, measured(analysis.model, case.train), sigma)
+            alone[name] = Hypothesis((name,), "expression", -np.inf, fit, ranking.columns[name])
+    return replace(ranking, alone=alone)
 
 
 def _curve(analysis: Analysis, ranking: Ranking, said: Decision, answer: Fit | None) -> Curve | None:

@@ -14,6 +14,7 @@ from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.discover.unexplained import DIRECTION, Curve
+from terrapin_tools.workbench.experiment.hidden_period import HiddenPeriod
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.story.story import Findings, Goal, Next, NoiseTold, Part, Place, Proposal, Rung, Value
 
@@ -44,6 +45,7 @@ __all__ = [
     "of_hundred",
     "only_here",
     "percent",
+    "periodic",
     "place",
     "reason",
     "spelt",
@@ -388,6 +390,15 @@ def only_here(effects: Sequence[str]) -> str:
 def alike(sets: Sequence[Sequence[str]]) -> tuple[str, ...]:
     """What is another name of the answer."""
     return (f"On these rows it does exactly what {_either(sets)} does.",) if sets else ()
+
+
+def periodic(found: HiddenPeriod) -> str:
+    """What to measure where a wave is left along a way that no column holds."""
+    what = "an angle" if found.per == "turn" else "a position"
+    return (
+        f"What is left of {found.channel} is periodic along the integral of {found.speed}: {number(found.rate, 3)} "
+        f"waves a {found.per} (noise looks so with a chance of {found.chance:.1g}): measure {what}, and map it."
+    )
 
 
 def acts(target: str, channels: Collection[str]) -> str:

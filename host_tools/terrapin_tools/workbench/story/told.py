@@ -20,6 +20,7 @@ from terrapin_tools.workbench.compare.noise_findings import NoiseFinding, far_ab
 from terrapin_tools.workbench.compare.together import together
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
+from terrapin_tools.workbench.experiment.hidden_period import hidden_period
 from terrapin_tools.workbench.model import constants
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import Fault
@@ -65,6 +66,8 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     notes += [_carried(analysis, sigma)] if analysis.missing and not (found and found.blamed) else []
     notes += _doubtful(analysis, found) if found else []
     notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in noise.findings]
+    if (period := hidden_period(analysis)) is not None:
+        notes.append(sentences.periodic(period))
     given = {**case.parameter_units, **{n: one.unit for n, one in case.fit.items()}, **case.units}
     for name in case.effects:
         bare = without_unit(case.library[name], case.base, given) if case.library[name].source == OWN else ()
