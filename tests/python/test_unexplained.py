@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
-from terrapin_tools.workbench.discover.discovery import Discovery, discover
+from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.discover.decide import _worth
+from terrapin_tools.workbench.discover.discovery import LEVEL, Discovery, Weighed, decided, discover, weighed
 from terrapin_tools.workbench.discover.unexplained import curves
 from terrapin_tools.workbench.story.answer import answer, read
 from terrapin_tools.workbench.story.effect_picture import as_svg
@@ -77,3 +80,52 @@ def test_known_terms_are_told_beside_a_wave_that_has_no_formula() -> None:
     assert (record["verdict"], sorted(record["missing"])) == ("partial", ["k*load**2", "k*speed**3"])
     assert record["right"]  # what is left is told, in the speed
     assert record["probability"] > 0.9
+
+
+SUPPLY = """[model]
+base = "equation"
+[model.equation]
+voltage = "v0"
+[fit]
+v0 = { value = 10.0, unit = "V" }
+[data]
+files = ["rows.csv"]
+run = "run"
+[data.columns]
+current = { column = "current", unit = "A", is = "current" }
+voltage = { column = "voltage", unit = "V", sigma = 0.02 }
+"""
+
+
+@pytest.fixture(scope="module")
+def supply(tmp_path_factory: pytest.TempPathFactory) -> Weighed:
+    """A supply with a resistance and a ripple in its current that no formula has."""
+    folder, random, lines = tmp_path_factory.mktemp("supply"), np.random.default_rng(2), ["run,current,voltage"]
+    for run in range(30):
+        for amps in np.sort(random.uniform(0.1, 11.0, 11)):
+            volts = 7.4 - 0.03 * amps - 0.04 * np.sin(1.7 * amps) + 0.02 * random.standard_normal()
+            lines.append(f"r{run},{amps:.5g},{volts:.6g}")
+    (folder / "case.toml").write_text(SUPPLY)
+    (folder / "rows.csv").write_text("\n".join(lines) + "\n")
+    return weighed(load_case(folder), 0, LEVEL)
+
+
+def test_a_known_law_is_told_beside_a_curve_that_may_hold_it(supply: Weighed) -> None:
+    """The curve alone is likelier, for it holds the straight line, too; the error is halved by what has a name."""
+    found = decided(supply, 0, LEVEL)
+    assert (found.verdict, found.missing) == ("partial", ("resistance",))
+    assert found.unknown is not None
+    assert found.unknown.column == "current"
+    assert found.part is not None
+    assert found.part.takes > 0.85
+    told = {c.effect.name: c.probability for c in found.candidates}
+    assert told["resistance"] >= found.answer_probability
+
+
+def test_formulas_beside_a_curve_give_way_to_a_law_that_takes_as_much(supply: Weighed) -> None:
+    """On a thrust stand k*exp(-current/tau) + k*current**4 stood for the resistance of the supply."""
+    analysis, ranking = supply.analysis, supply.ranking
+    formulas = next(h for h in ranking.hypotheses if h.kind == "expression" and len(h.effects) > 1 and h.fit)
+    assert _worth(analysis, ranking, formulas).effects == ("resistance",)
+    without = replace(ranking, hypotheses=tuple(h for h in ranking.hypotheses if h.kind != "catalogue"))
+    assert _worth(analysis, without, formulas) == formulas

@@ -34,6 +34,7 @@ ALONE = 0.7  # of the mass of all sets from which one class is told alone
 CREDIBLE = 0.9  # of it that is told together where none has so much
 MOST = 4  # names that are told
 TENTH = 0.1  # share of the misfit that a further effect must bring beside a curve that is left
+HALF = 0.5  # of the held-out error that a known set leaves at most, to be told where a curve is likelier
 SMALL = 1e-2  # of the likeliest set's probability, below which a set joins no other, for time
 QUESTION = 1e-6  # probability below which something is out of the question, and not listed
 # Of "nothing is missing" at most where far more than the stated noise is left, or where noise is found to grow with the
@@ -184,7 +185,10 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
         return Decision("unexplained", calibrated(probability, verdict), blamed=blamed, classes=tuple(every))
     if most == unknown:
         column = next((h.column for h in ranking.hypotheses if h.kind == "unknown"), "")
-        return Decision("unexplained", calibrated(unknown, "unexplained"), column=column, classes=tuple(every))
+        probability, known = calibrated(unknown, "unexplained"), _halving(analysis, ranking)
+        if known is not None:
+            return Decision("partial", probability, (known,), column, classes=tuple(every))
+        return Decision("unexplained", probability, column=column, classes=tuple(every))
     if most == part:
         first = max(every, key=lambda c: c.partly)
         (top, _), *_ = first.parts
@@ -201,11 +205,10 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
 
 
 def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
-    """Of a catalogued set the part with the fewest parameters that takes as much of the misfit but for TENTH: beside a
-    curve that is left, a further effect that brings less may be a piece of that curve. Formulas pay for their length.
-    """
-    if any(name in ranking.expressions for name in top.effects):
-        return top
+    """The catalogued set with the fewest parameters that takes as much of the misfit but for TENTH: a part of a
+    catalogued one, any in the place of formulas. Beside a curve that is left, a further effect that brings less, or a
+    formula in the place of a law, may be a piece of that curve. A formula that nothing known comes near to stays."""
+    formulas = any(name in ranking.expressions for name in top.effects)
     before = error(analysis.fit, analysis.rows, analysis.noise.sigma) or 1.0
 
     def takes(one: Hypothesis) -> float:
@@ -213,9 +216,21 @@ def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
         return -np.inf if after is None else 1.0 - after**2 / before**2
 
     least = takes(top) - TENTH
-    within = [h for h in ranking.hypotheses if h.kind == "catalogue" and set(h.effects) < set(top.effects)]
+    known = [h for h in ranking.hypotheses if h.kind == "catalogue" and h.parameters < top.parameters]
+    within = [h for h in known if formulas or set(h.effects) < set(top.effects)]
     good = [h for h in within if h.effects and takes(h) >= least and not absent(h.fit, h.effects)]
     return min(good, key=lambda h: (h.parameters, -h.log_weight), default=top)
+
+
+def _halving(analysis: Analysis, ranking: Ranking) -> Hypothesis | None:
+    """The catalogued set with the fewest parameters that halves the held-out error, where a curve is likelier that may
+    hold it: what is known is told as far as it goes. None without one."""
+    case, sigma = analysis.case, analysis.noise.sigma
+    rows = case.test if case.test.any() else case.train
+    most = HALF * (error(analysis.fit, rows, sigma) or 0.0)
+    known = [h for h in ranking.hypotheses if h.kind == "catalogue" and h.effects and not absent(h.fit, h.effects)]
+    good = [h for h in known if h.fit is not None and (error(h.fit, rows, sigma) or np.inf) <= most]
+    return min(good, key=lambda h: (h.parameters, -h.log_weight), default=None)
 
 
 def _told(ranking: Ranking, every: Sequence[Class], mass: float) -> Iterator[tuple[Hypothesis, float]]:

@@ -6,7 +6,7 @@ discovery.verdict, discovery.missing, discovery.answer_probability
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -184,7 +184,8 @@ def decided(
     again = None if answer is None else noise_around(analysis.case, answer, analysis.noise, again=True)
     noise = again or analysis.told
     ranking = _with_each_alone(analysis, ranking, [h.effects for h in said.told])
-    candidates = _candidates(analysis, ranking, noise, answer)
+    sure = dict.fromkeys(missing, probability) if verdict == "partial" else {}
+    candidates = _candidates(analysis, ranking, noise, answer, sure)
     return Discovery(
         analysis=analysis,
         ranking=ranking,
@@ -269,12 +270,16 @@ def rung(analysis: Analysis, name: str | None, fit: Fit, noise: Noise) -> Rung:
     return Rung(name, train, error(fit, analysis.case.test, sigma), fit)
 
 
-def _candidates(analysis: Analysis, ranking: Ranking, noise: Noise, answer: Fit | None) -> tuple[Candidate, ...]:
+def _candidates(
+    analysis: Analysis, ranking: Ranking, noise: Noise, answer: Fit | None, sure: Mapping[str, float]
+) -> tuple[Candidate, ...]:
+    """`sure`: probability of what is named as part, which may stand in the place of formulas."""
     found = []
     for name, hypothesis in {**ranking.singles, **ranking.alone}.items():
         column = ranking.columns.get(name)
         each = [ranking.inclusion(name), *([] if column is None else [ranking.column_inclusion(column)])]
         likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
+        likely[0] = max(likely[0], sure.get(name, 0.0))
         fit = hypothesis.fit
         assert fit is not None
         own = sds(fit, analysis.case, analysis.noise.sigma, noise) if fit is answer else sd_of(analysis, fit)
