@@ -196,11 +196,10 @@ def _test(p: float, level: float) -> str:
 
 def alarm(missing: bool, p: float, level: float) -> str:
     """The test alone: what compare can say."""
-    if missing and p >= level:
-        alone = f"the test alone does not show it ({_test(p, level)}), what is likeliest does"
-        return f"Something is missing from the model: {alone}."
-    what = "Something is missing from the model" if missing else "Nothing is missing that these data could show"
-    return f"{what} ({_test(p, level)})."
+    if not missing:
+        return f"Nothing is missing that these data could show ({_test(p, level)})."
+    alone = ": the test alone does not show it, what is likeliest does" if p >= level else ""
+    return f"Something is missing from the model{alone} ({_test(p, level)})."
 
 
 def verdict(found: Findings | None, p: float) -> str:
