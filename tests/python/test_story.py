@@ -228,7 +228,8 @@ def test_what_was_weighed_is_explained(examples: dict[str, Example]) -> None:
     odds = float(f"{first.probability / second.probability:.2g}")
     assert f", {odds:g} times less: " in said
     assert "What would turn it: " in said
-    none = replace(story, found=replace(found, candidates=()))
+    alone = tuple(one for one in found.weighed if not one.sets)  # no effect changes what the model cannot
+    none = replace(story, found=replace(found, candidates=(), weighed=alone))
     assert explain(none).startswith("Nothing could be weighed: ")
     assert len(explain(none).splitlines()) == 1
 

@@ -6,6 +6,7 @@ import math
 
 from terrapin_tools.workbench.discover.decide import ALONE, CREDIBLE, Weight
 from terrapin_tools.workbench.discover.misfit import Step
+from terrapin_tools.workbench.noise.mishaps import KINDS
 from terrapin_tools.workbench.story.sentences import chance, in_sd, number, percent, spelt
 from terrapin_tools.workbench.story.story import Findings, Short, Story
 
@@ -30,7 +31,7 @@ def explain(story: Story) -> str:
     found = story.found
     if found is None:
         return "Nothing was weighed: discover did not look."
-    if not found.candidates or not found.weighed:
+    if all(one.kind in ("nothing", "unknown", "rest", *KINDS) for one in found.weighed):
         return "Nothing could be weighed: these columns show no effect that the model's own parameters do not take up."
     lines = ["", "What was weighed (probability, and how much less likely than the first):"]
     own = [one for one in found.weighed if one.kind != "rest"]
