@@ -147,7 +147,9 @@ def outcome(one: Set, data: Path, out: Path) -> Outcome:
             found.problems.append(f"{label}: {error}")
             continue
         case = load_case(folder)
-        weights = np.array([np.nan if (w := one.error_of(row)) is None else w for row in rows])
+        # a channel that is told to come late loses rows
+        lines = [int(case.place(i).rpartition(":")[2]) for i in range(case.rows)]
+        weights = np.array([np.nan if (w := one.error_of(rows[line - 2])) is None else w for line in lines])
         gap = (_gaps(case) * weights)[case.test]
         squares += [float(v) ** 2 for v in gap if np.isfinite(v)]
         for wanted in one.wanted:
