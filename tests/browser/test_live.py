@@ -51,7 +51,7 @@ def test_full_bus_is_counted_and_recorded(page: Page, server: Server) -> None:
     """8,000 frames/s over a pty for some seconds: each frame in a picture and in the log (a minute: bench_live.py)."""
     seconds = 3.0
     page.get_by_role("link", name="Live").click()
-    expect(page.get_by_text("nothing is watched")).to_be_visible()
+    expect(page.get_by_text("nothing is watched", exact=True)).to_be_visible()
     with Feeder(8000, seconds) as feeder:
         page.locator("#live-source").select_option("typed")
         page.locator("#live-typed").fill(f"serial:{feeder.path}")
@@ -265,7 +265,7 @@ def test_second_browser_and_reload_see_the_same(page: Page, server: Server, brow
     wide = other.evaluate("document.documentElement.scrollWidth - innerWidth")
     assert wide <= 0
     page.get_by_role("button", name="Leave").click()
-    expect(other.get_by_text("nothing is watched")).to_be_visible()
+    expect(other.get_by_text("nothing is watched", exact=True)).to_be_visible()
     context.close()
 
 

@@ -347,7 +347,7 @@ def test_what_the_search_is_sure_of_is_an_alarm() -> None:
     assert set(found.missing) == set(made.truth)
     # the area of this drag is far more than usual: a formula of its curve is told beside it, and nothing else
     assert [set(one) - {"expression_1"} for one in found.rivals] == [set(made.truth), {"stribeck"}]
-    assert "no one thing alone shows it" in told(found.analysis, found).alarm
+    assert "the test alone does not show it" in told(found.analysis, found).alarm
 
 
 @pytest.mark.parametrize("place", [*range(0, len(ALIKE), 5), len(ALIKE) - 9, len(ALIKE) - 2, len(ALIKE) - 1])

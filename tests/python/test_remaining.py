@@ -128,6 +128,8 @@ def test_what_an_expression_says_is_told_where_none_is_named(
     x = np.tile(np.linspace(0.0, 4.0, 60), 10)
     y = 1.0 + x + np.sin(5.0 * x) + 0.2 * random.standard_normal(len(x))  # a wave is no short expression
     folder = _line(tmp_path, x, y, ", sigma = 0.2")
+    text = (folder / "case.toml").read_text()
+    (folder / "case.toml").write_text(text.replace('"m"', '"degC"'))  # along a position it would have its period
     status, out, _ = terrapin(capsys, "discover", folder, "--json", tmp_path / "answer.json")
     answer = json.loads((tmp_path / "answer.json").read_text())
     assert (status, answer["verdict"]) == (0, "unexplained")

@@ -12,6 +12,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import Field, StringConstraints
 
+from terrapin_hil.links.names import LinkName
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.live.hub import hubs
 from terrapin_tools.web.service.context import Context, Terrapin
@@ -72,7 +73,7 @@ def _link(context: Context, command: str) -> list[str]:
     given: dict[str, str] = {
         name: words[words.index(name) + 1] for name in ("--link", "--bitrate", "--node") if name in words
     }
-    if not given["--link"].startswith("can:"):  # elsewhere flash asks for none: a port has its own, a system's bus too
+    if LinkName.parse(given["--link"], "update").kind != "can":  # a port has its own, a system's bus too
         given.pop("--bitrate", None)
     if context.bus.key_file is not None and given["--link"] == context.link:
         given["--link-key"] = str(context.bus.key_file)
