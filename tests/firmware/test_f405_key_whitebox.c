@@ -117,7 +117,7 @@ static void test_a_damaged_key_opens_nothing_by_itself(void) {
     for (uint32_t word = 0U; word < LINK_KEY_WORDS; word++) {
         for (uint32_t bit = 0U; bit < 32U; bit++) {
             block(made, 7U);
-            made[word] ^= 1UL << bit;
+            made[word] ^= (uint32_t)1U << bit;
             generation = 99U;
             TEST_ASSERT_EQUAL_PTR(&made[2], link_key(made, &generation));
             TEST_ASSERT_EQUAL(0U, generation);
@@ -155,7 +155,7 @@ static void test_a_generator_that_repeats_itself_is_not_believed(void) {
 }
 
 static void test_a_word_with_an_error_is_not_taken(void) {
-    const uint32_t kinds[2] = {1UL << 5U, 1UL << 6U}; /* of its clock, of its seed */
+    const uint32_t kinds[2] = {(uint32_t)1U << 5U, (uint32_t)1U << 6U}; /* of its clock, of its seed */
     for (uint32_t i = 0U; i < 2U; i++) {
         uint32_t word = 0xC0FFEEU;
         setUp();
