@@ -42,8 +42,8 @@ POINTS = 121  # at which the curve is told
 class Curve:
     """What is missing in a channel as a function of a column; `by`: times that role at its rms, or the direction.
 
-    `y` (in the channel's unit, its mean over the rows taken off: the model's own parameters may hold it) and its `sd`
-    at `x`; `rms` is that of the curve over the rows, `in_sd` the same in noise sd.
+    `y` (in the channel's unit, without its mean and what else the model's own parameters may hold) and its `sd` are at
+    `x`; `rms` is that of the curve over the rows, `in_sd` the same in noise sd.
     """
 
     column: str
@@ -214,11 +214,14 @@ def curve(analysis: Analysis, evidence: Evidence, column: str) -> Curve:
     mean = spread @ score
     left = residual - shapes @ mean
     row = float(left @ left) / max(len(left) - shapes.shape[1], 1)
+    # what the model's own parameters may hold, a slope as well as the mean, is no part of the picture
+    own = np.linalg.lstsq(block, block - evidence.flat @ (evidence.flat.T @ block), rcond=None)[0]
+    mean, spread = own @ mean, own @ spread @ own.T
     middle = waves.at(waves.values).mean(axis=0)
     x = np.linspace(waves.values.min(), waves.values.max(), POINTS)
     there = waves.at(x) - middle
     name, sigma = analysis.model.channels[int(channel)], float(analysis.noise.sigma[int(channel)])
-    rms = float(np.sqrt(np.mean(((waves.at(waves.values) - middle) @ mean) ** 2)))
+    rms = float(np.linalg.norm(block @ mean) / np.sqrt(len(waves.values)))
     sd = np.sqrt(row * np.einsum("ij,jk,ik->i", there, spread, there))
     return Curve(
         column=column,
