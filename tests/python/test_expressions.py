@@ -175,6 +175,19 @@ def test_a_deviation_from_a_reference_may_as_well_be_an_offset() -> None:
     assert "k*humidity in" in told_too
 
 
+def test_where_no_column_varies_a_constant_may_be_missing(tmp_path: Path) -> None:
+    """A balance that is read again and again: the library holds no column, but a constant on the channel."""
+    random = np.random.default_rng(4)
+    rows = [f"r{i // 12},20,{9.0 + 0.1 * random.standard_normal():.6g}" for i in range(96)]
+    (tmp_path / "runs.csv").write_text("\n".join(["run,load,reading", *rows]) + "\n")
+    (tmp_path / "case.toml").write_text(
+        '[model]\nbase = "equation"\n[model.equation]\nreading = "gain*load"\n[parameters]\ngain = 0.5\n'
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\nload = { column = "load", unit = "N" }\n'
+        'reading = { column = "reading", unit = "N", sigma = 0.1 }\n'
+    )
+    assert discover(load_case(tmp_path)).analysis.missing
+
+
 def test_every_formula_that_is_told_can_be_added(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A set beside a curve may stand far down the list of which formulas were fitted alone: `terrapin add` of what was
     told ended with "unknown effect expression_12"."""

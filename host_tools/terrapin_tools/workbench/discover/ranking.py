@@ -45,9 +45,9 @@ SHOWN = 10  # likeliest answers whose expressions are also refitted alone, for t
 
 @dataclass(frozen=True)
 class Blamed:
-    """What went wrong on the rig, not in the model: `run`, those that stand out; `slope`, those that a slope
-    of the ground would explain; `change`, those before and after it;
-    `warming`, how the test begins; `start`, how each run begins; `lag`, an instrument that comes late."""
+    """What went wrong on the rig, not in the model: `run`, those that stand out; `slope`, those that a slope of the
+    ground would explain; `change`, those before and after it; `warming`, how the test begins; `start`, how each run
+    begins; `lag`, an instrument that comes late."""
 
     kind: str
     runs: tuple[str, ...]

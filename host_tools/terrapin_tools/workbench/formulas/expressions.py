@@ -125,7 +125,7 @@ def library(
     if left is not None and case.dynamics is None:
         for name, v in values.items():
             terms[name] += waves(name, v, units[name], left, case.inputs)
-    drawn = _Drawn(case, values, {**terms, "": [Term("", {}, CONSTANT_COST)]}, own)
+    drawn = _Drawn(case, int(rows.sum()), values, {**terms, "": [Term("", {}, CONSTANT_COST)]}, own)
     for target, prior in targets(case):
         if (target not in case.base.parameters or case.parameters.get(target, 1.0)) and len(drawn.sketches) <= LIMIT:
             drawn.add(target, prior, acting(model, theta, target, rows, sigma))
@@ -154,12 +154,13 @@ Place = tuple[str, str, int, str]  # of a sketch: its target, column, the number
 class _Drawn:
     """Every sketch of a case with its column, and what it would be without a column that hardly varies."""
 
-    def __init__(self, case: Case, values: Mapping[str, Array], terms: Mapping[str, Sequence[Term]], own: set[str]):
+    def __init__(
+        self, case: Case, rows: int, values: Mapping[str, Array], terms: Mapping[str, Sequence[Term]], own: set[str]
+    ) -> None:
         """`own`: names of the columns that the model knows."""
         self.case, self.values, self.terms, self.own = case, values, terms, own
-        ones = np.ones(len(next(iter(values.values()), np.zeros(0))))
         self.features = {
-            (name, i): parse(term.text).evaluate({**values, **term.starts}) if name else ones
+            (name, i): parse(term.text).evaluate({**values, **term.starts}) if name else np.ones(rows)
             for name, listed in terms.items()
             for i, term in enumerate(listed)
         }
@@ -337,7 +338,7 @@ def as_effect(sketch: Sketch, case: Case, name: str) -> Effect:
 def _scale_parameter(name: str, scale: Scale) -> Parameter:
     """A scale or threshold stays where the data can see it: outside, every shape is a straight line."""
     starts = (*(scale.grid or (scale.start / 2.0, scale.start * 2.0)), scale.start)
-    grid = tuple(v for v in starts if scale.low <= v <= scale.high)
+    grid = tuple(v for v in dict.fromkeys(starts) if scale.low <= v <= scale.high)
     return Parameter(name, scale.unit, scale.start, scale.low, scale.high, "scale of the shape", grid=grid)
 
 

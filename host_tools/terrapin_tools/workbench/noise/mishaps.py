@@ -19,14 +19,8 @@ from terrapin_tools.workbench.noise.covariance import Runs, carried, doublings
 __all__ = ["KINDS", "Mishap", "mishaps"]
 
 KINDS = ("run", "slope", "change", "warming", "start", "lag")
-FEWEST = {
-    "run": 3,
-    "slope": 3,
-    "change": 6,
-    "warming": 4,
-    "start": 3,
-    "lag": 1,
-}  # runs from which it is looked for; by hand
+# Runs from which it is looked for; by hand, that on a slope as an odd run.
+FEWEST = {"run": 3, "slope": 3, "change": 6, "warming": 4, "start": 3, "lag": 1}
 ASIDE = 2  # runs on the shorter side of a change at least: fewer are odd runs; chosen by hand
 CHANGES = 60  # between runs that are looked at, evenly over the test; chosen by hand, for time and memory
 LENGTH = 5  # rows of the middle run from which its beginning differs from the rest, and a lag shows; chosen by hand
