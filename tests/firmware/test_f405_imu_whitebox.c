@@ -14,8 +14,25 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value);
 
 #include "../../firmware/core/integer.c"
 #include "../../firmware/ports/stm32f405/imu.c"
+#include "../../firmware/ports/stm32f405/pins.c"
 #include "../../firmware/ports/stm32f405/spi.c"
 #include "../../firmware/ports/stm32f405/swing.c"
+
+/* The wires of a board that has one, whose chip is SPI1 alone; below, the chip has no wires. */
+static spi_registers port;
+static gpio_registers wires;
+#define TERRAPIN_BOARD "terrapin_board.h"
+#include "boards/selected.h"
+#undef BOARD_IMU_SELECT
+#undef SPI1
+#undef GPIO
+#define BOARD_IMU_SELECT {1U, 5U, PIN_OUTPUT, PIN_UP, 0U}
+#define SPI1             (&port)
+#define GPIO(letter)     ((letter) == 1U ? &wires : NULL)
+#define imu_exchange     wired_exchange
+bool wired_exchange(uint8_t address, uint8_t *bytes, uint32_t count);
+#include "../../firmware/ports/stm32f405/imu_bus.c"
+#undef imu_exchange
 
 #define G       9.81
 #define MS      1e-3
@@ -23,8 +40,9 @@ static void hardware_takes(volatile uint32_t *address, uint32_t value);
 
 /* ---- SPI1: a word comes back some looks at the status after one was sent */
 
-static spi_registers port;
 static uint32_t spins, comes_after, sent;
+static uint32_t wired[8], wired_count,
+    silent_from; /* bytes while the chip is selected; from which on none comes back */
 
 static void hardware_moves(void) {
     spins++;
@@ -35,10 +53,20 @@ static void hardware_moves(void) {
 }
 
 static void hardware_takes(volatile uint32_t *address, uint32_t value) {
-    TEST_ASSERT_EQUAL_PTR(&port.DR, address);
+    if (address != &port.DR) {
+        *address = value;
+        return;
+    }
     TEST_ASSERT_TRUE((port.CR1 & SPI_CR1_SPE) != 0U);
     sent = value;
     port.SR &= ~SPI_SR_RXNE;
+    if (wires.MODER != 0U) { /* what comes back is the byte's number */
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(BIT(5) << 16U, wires.BSRR, "low: selected");
+        wired[wired_count] = value;
+        wired_count++;
+        port.SR |= (wired_count < silent_from) ? SPI_SR_RXNE : 0U;
+        port.DR = 0x100U + wired_count;
+    }
 }
 
 /* ---- the chip: registers, and what it does with its power */
@@ -163,6 +191,9 @@ void setUp(void) {
     memset(&body, 0, sizeof body);
     memset(&in, 0, sizeof in);
     memset(&port, 0, sizeof port);
+    memset(&wires, 0, sizeof wires);
+    wired_count = 0U;
+    silent_from = 8U;
     spins = comes_after = sent = 0U;
     chip.tick = 10U;
     chip_reset();
@@ -192,6 +223,33 @@ static void test_a_byte_goes_and_comes_or_the_wait_ends(void) {
     spins = 0U;
     TEST_ASSERT_FALSE(spi_byte(&port, 0U, &in_byte));
     TEST_ASSERT_EQUAL_UINT32(SPI_TRIES, spins);
+}
+
+/* Selected from the address to the last byte, at rest with the pin high: also where a byte stays away. */
+static void test_the_chip_is_selected_for_an_exchange_alone(void) {
+    uint8_t bytes[3] = {0x11, 0x22, 0x33};
+    spi_open(&port);
+    imu_bus_open();
+    TEST_ASSERT_EQUAL_HEX32_MESSAGE(BIT(5), wires.BSRR, "high before it is an output");
+    TEST_ASSERT_EQUAL_HEX32((uint32_t)PIN_OUTPUT << 10U, wires.MODER);
+    TEST_ASSERT_EQUAL_HEX32((uint32_t)PIN_UP << 10U, wires.PUPDR);
+    TEST_ASSERT_TRUE(wired_exchange(0x9FU, bytes, 3U));
+    TEST_ASSERT_EQUAL_UINT32(4U, wired_count);
+    TEST_ASSERT_EQUAL_HEX32(0x9F, wired[0]);
+    TEST_ASSERT_EQUAL_HEX32(0x11, wired[1]);
+    TEST_ASSERT_EQUAL_HEX32(0x33, wired[3]);
+    TEST_ASSERT_EQUAL_HEX8(2, bytes[0]);
+    TEST_ASSERT_EQUAL_HEX8(4, bytes[2]);
+    TEST_ASSERT_EQUAL_HEX32(BIT(5), wires.BSRR);
+    wired_count = 0U;
+    TEST_ASSERT_TRUE(wired_exchange(0x9FU, bytes, 0U));
+    TEST_ASSERT_EQUAL_UINT32(1U, wired_count);
+    for (silent_from = 1U; silent_from <= 4U; silent_from++) {
+        wired_count = 0U;
+        TEST_ASSERT_FALSE(wired_exchange(0x9FU, bytes, 3U));
+        TEST_ASSERT_EQUAL_UINT32_MESSAGE(silent_from, wired_count, "it stops there");
+        TEST_ASSERT_EQUAL_HEX32(BIT(5), wires.BSRR);
+    }
 }
 
 /* ---- the chip */
@@ -367,6 +425,7 @@ int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_it_is_a_master_of_mode_3_at_an_eighth);
     RUN_TEST(test_a_byte_goes_and_comes_or_the_wait_ends);
+    RUN_TEST(test_the_chip_is_selected_for_an_exchange_alone);
     RUN_TEST(test_it_is_set_up_and_valid_before_the_self_test_ends);
     RUN_TEST(test_another_chip_is_refused);
     RUN_TEST(test_a_dead_bus_is_no_swing_and_comes_back);

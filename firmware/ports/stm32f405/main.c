@@ -1,6 +1,7 @@
 /* The controller's image: chip, bus, line and port put together. What is decided is decided in the other files. */
 #include "boards/selected.h"
 #include "hardware.h"
+#include "instructions.h"
 #include "port.h"
 #include "startup.h"
 #include "terrapin_interface.h"
@@ -52,11 +53,11 @@ _Noreturn void application(void) {
     for (;;) {
         if (!port_pass(&controller, hardware_ticks())) {
             /* Masked, so that what comes between the last look and the sleep still ends it. */
-            __asm__ volatile("cpsid i" ::: "memory");
+            interrupts_off();
             if ((hardware_ticks() == controller.tick) && (ring_used(&line.in) == 0U) && (bus.in_head == bus.in_tail)) {
-                __asm__ volatile("dsb\n wfi" ::: "memory");
+                sleep_until_interrupt();
             }
-            __asm__ volatile("cpsie i" ::: "memory");
+            interrupts_on();
         }
     }
 }

@@ -1,6 +1,8 @@
 #include "processor.h"
 
+#include "instructions.h"
 #include "registers.h"
+#include "wait.h"
 
 extern uint32_t image_stack[], image_stack_end[];
 
@@ -9,8 +11,9 @@ static volatile bool probing;
 static volatile bool probe_refused;
 
 _Noreturn void system_reset(void) {
-    __asm__ volatile("cpsid i\n dsb" ::: "memory");
-    SCB->AIRCR = SCB_AIRCR_RESET;
+    interrupts_off();
+    writes_end();
+    TERRAPIN_PUT(SCB->AIRCR, SCB_AIRCR_RESET);
     for (;;) {
     }
 }
@@ -26,10 +29,9 @@ bool probe_failed(uint32_t *frame, uint32_t status) {
 }
 
 bool probe_read(uint32_t address, uint32_t *value) {
-    uint32_t found = 0U;
     probe_refused = false;
     probing = true;
-    __asm__ volatile("dsb\n ldr.n %0, [%1]\n dsb" : "=&l"(found) : "l"(address) : "memory");
+    const uint32_t found = read_narrow(address);
     probing = false;
     if (probe_refused) {
         return false;
@@ -47,8 +49,8 @@ uint32_t stack_used(void) {
 }
 
 _Noreturn void start_image(uint32_t address) {
-    const uint32_t *table = (const uint32_t *)address;
-    __asm__ volatile("cpsid i" ::: "memory");
+    const uint32_t *table = (const uint32_t *)(uintptr_t)address;
+    interrupts_off();
     SYSTICK->CTRL = 0U;
     SCB->ICSR = SCB_ICSR_PENDSTCLR; /* a tick that came meanwhile would be the image's, before it has any memory */
     for (uint32_t i = 0U; i < ((IRQ_COUNT + 31U) / 32U); i++) {
@@ -57,13 +59,7 @@ _Noreturn void start_image(uint32_t address) {
     }
     MPU->CTRL = 0U;
     SCB->VTOR = address;
-    __asm__ volatile("dsb\n isb\n"
-                     "msr msp, %0\n"
-                     "cpsie i\n" /* as after a reset */
-                     "bx %1\n"
-                     :
-                     : "r"(table[0]), "r"(table[1])
-                     : "memory");
+    begin_at(table[0], table[1]);
     for (;;) {
     }
 }

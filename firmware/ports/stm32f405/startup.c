@@ -1,5 +1,6 @@
 #include "startup.h"
 
+#include "instructions.h"
 #include "processor.h"
 #include "registers.h"
 #include "retained.h"
@@ -68,6 +69,7 @@ static _Noreturn void crystal_stopped(void) {
 
 /* With the guard hit there is no stack to push on: look at the pointer first, and begin a new stack when little is left
  * of the old one. A fault while probing goes on behind the instruction that failed, which is one of 2 bytes. */
+#if defined(__arm__)
 __attribute__((naked)) void fault(void) {
     __asm__ volatile("mov r0, sp\n"
                      "ldr r1, =image_stack + 256\n"
@@ -79,12 +81,13 @@ __attribute__((naked)) void fault(void) {
                      "bl fault_seen\n"
                      "pop {r4, pc}\n");
 }
+#endif
 
 /* The guard was hit by what the exception pushed, whose frame then reaches into it, or by the instruction itself: a
  * push whose last words meet the guard leaves the pointer as it was, and above it the frame may find room. */
 static bool stack_is_gone(const uint32_t *frame, uint32_t status) {
     const uintptr_t guard = (uintptr_t)image_stack;
-    const bool named = ((status & SCB_CFSR_MMARVALID) != 0U) && (((uintptr_t)SCB->MMFAR - guard) < STACK_GUARD_BYTES);
+    const bool named = ((status & SCB_CFSR_MMARVALID) != 0U) && ((SCB->MMFAR - (uint32_t)guard) < STACK_GUARD_BYTES);
     return named || ((uintptr_t)frame < (guard + STACK_GUARD_BYTES));
 }
 
@@ -107,19 +110,18 @@ static void guard_stack(void) {
     MPU->RBAR = (uint32_t)(uintptr_t)image_stack;
     MPU->RASR = MPU_RASR_NO_ACCESS | MPU_RASR_32_BYTES | MPU_RASR_ENABLE;
     MPU->CTRL = MPU_CTRL_ENABLE | MPU_CTRL_PRIVDEFENA;
-    __asm__ volatile("dsb\n isb" ::: "memory");
+    writes_take_effect();
 }
 
 static void paint_stack(void) {
-    uintptr_t pointer = 0;
-    __asm__ volatile("mov %0, sp" : "=r"(pointer));
+    const uintptr_t pointer = stack_pointer();
     for (uint32_t *word = image_stack; (uintptr_t)word < pointer; word++) {
         *word = STACK_PATTERN;
     }
 }
 
 _Noreturn void reset(void) {
-    __asm__ volatile("cpsid i" ::: "memory");
+    interrupts_off();
     MPU->CTRL = 0U; /* a boot loader's guard is not this image's */
     SCB->VTOR = (uint32_t)(uintptr_t)vectors;
     paint_stack();
@@ -132,6 +134,6 @@ _Noreturn void reset(void) {
         *to = 0U;
     }
     guard_stack();
-    __asm__ volatile("cpsie i" ::: "memory");
+    interrupts_on();
     application();
 }
