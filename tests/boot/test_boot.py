@@ -167,6 +167,33 @@ def test_what_waits_in_a_slot_counts_no_more_once_it_is_erased(chip: Chip) -> No
     assert chip.start() == "a"
 
 
+def test_an_update_of_the_other_slot_leaves_the_image_on_trial_its_trial() -> None:
+    chip = Chip(PUBLIC)
+    assert send(chip, image("a", "1.0.0"), "a") == "ok"
+    assert chip.start() == "a"
+    assert (chip.record().confirmed, chip.record().phase) == (0, TRIAL)
+    assert send(chip, image("b", "1.1.0")[:300] + image("b", "1.2.0")[300:], "b") != "slot_in_use"
+    assert (chip.record().candidate, chip.record().phase) == (SLOT["a"], TRIAL)
+    assert chip.confirm()
+    assert chip.start() == "a"
+    assert chip.record().confirmed == SLOT["a"]
+
+
+@pytest.mark.parametrize("slot", [0, 3])
+def test_a_slot_that_there_is_none_of_is_not_written(chip: Chip, slot: int) -> None:
+    """Neither confirmed nor running, but whatever stands for it would be one that is."""
+    assert send(chip, image("b", "1.1.0"), "b") == "ok"
+    assert chip.start() == "b"  # on trial
+    before = chip.contents()
+    announce(chip, image("a", "2.0.0"))
+    values = {"size": 500, "slot": slot, "major": 2, "minor": 0, "revision": 0}
+    answers = chip.accept(*Sender().frame("UPDATE_BEGIN", values))
+    results = [interface().by_id[identifier].decode(data)["result"] for identifier, data in answers]
+    assert results in ([RESULT["slot_in_use"]], [])  # 3 is no value of the message
+    assert chip.contents() == before
+    assert not chip.update.active
+
+
 def test_neither_the_running_nor_the_confirmed_slot_is_written(chip: Chip) -> None:
     assert send(chip, image("a", "2.0.0"), "a") == "slot_in_use"
     assert send(chip, image("b", "1.1.0"), "b") == "ok"
@@ -542,6 +569,7 @@ def test_a_confirmed_image_revokes_the_other_key(old: Ed25519PrivateKey) -> None
     assert chip.memory.operations == records  # written once
     assert chip.check("a") == "revoked_key"
     assert send(chip, image("a", "2.0.0", key=old), "a") == "revoked_key"
+    assert send(chip, image("a", "2.0.0", key=OTHER_KEY), "a") == "wrong_key"  # of no key, so of none that is revoked
     assert chip.start() == "b"
     assert send(chip, image("a", "2.0.0", key=new), "a") == "ok"  # which does not say it again
     assert chip.start() == "a"

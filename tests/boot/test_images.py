@@ -102,13 +102,14 @@ def test_loader_and_host_name_the_same_reason() -> None:
             parse(bytes(data))
 
 
-def test_largest_and_too_large() -> None:
-    overhead = len(image("a", "1.0.0", size=600)) - 600
-    largest = image("a", "1.0.0", size=0x20000 - overhead)
+@pytest.mark.parametrize("slot", ["a", "b"])  # behind b the flash that it serves ends
+def test_largest_and_too_large(slot: str) -> None:
+    overhead = len(image(slot, "1.0.0", size=600)) - 600
+    largest = image(slot, "1.0.0", size=0x20000 - overhead)
     assert len(largest) == 0x20000
-    assert by_loader(largest) == "ok"
+    assert by_loader(largest, slot) == "ok"
     with pytest.raises(ImageError, match="bytes of code"):
-        image("a", "1.0.0", size=0x20000 - overhead + 1)
+        image(slot, "1.0.0", size=0x20000 - overhead + 1)
 
 
 @pytest.mark.parametrize(("offset", "value"), [
