@@ -16,6 +16,7 @@ from terrapin_hil import paths
 from terrapin_hil.messages import Sender, interface
 from terrapin_interface.cdef import cdef
 from terrapin_tools.flash.keys import key_hash
+from terrapin_tools.flash.layout import BASE, HEADER_SIZE
 
 HEADERS = (
     "core/terrapin.h", None, "store/flash.h", "store/flash_emulated.h", "boot/sha2.h", "boot/ed25519.h", "boot/image.h",
@@ -88,7 +89,9 @@ class Chip:
         self.lib.terrapin_boot_choose(self.boot, self.choice)
         self.running = self.choice.slot
         self.lib.terrapin_update_init(self.update, self.boot, self.running)
-        return {0: "", 1: "a", 2: "b"}[self.running]
+        slot = {0: "", 1: "a", 2: "b"}[self.running]
+        assert not slot or self.choice.address == BASE + START[slot] + HEADER_SIZE, "vectors of another image"
+        return slot
 
     def check(self, slot: str) -> str:
         """The result of what a start asks of a pending image."""
