@@ -52,6 +52,16 @@ double hil_pendulum_driven(const hil_pendulum *pendulum, const hil_pendulum_arou
                            const hil_pendulum_state *state, double joint_acceleration, double *angle_acceleration,
                            double *torque);
 
+/* Everything that a driven motion depends on, but the joint's acceleration. */
+typedef struct {
+    hil_pendulum pendulum;
+    hil_pendulum_around around;
+    hil_pendulum_state state;
+} hil_pendulum_inputs;
+
+/* Derivatives of theta'' and T of hil_pendulum_driven by all inputs, each at the input's own place. */
+void hil_pendulum_gradient(const hil_pendulum_inputs *at, double joint_acceleration, hil_pendulum_inputs by[2]);
+
 /* accelerations[0] = phi'', [1] = theta'' under a torque T [N m] at the joint. */
 void hil_pendulum_free(const hil_pendulum *pendulum, const hil_pendulum_around *around, const hil_pendulum_state *state,
                        double torque, double *accelerations);

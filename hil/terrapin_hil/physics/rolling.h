@@ -38,6 +38,19 @@ hil_rolling_torques hil_rolling_evaluate(const hil_robot *robot, const hil_rolli
 void hil_rolling_respond(const hil_robot *robot, const hil_rolling_state *state, const double *torque,
                          const double *inertia, double *accelerations);
 
+/* Everything that a motion depends on. `torque` on beta and alpha adds to what the robot itself has there. */
+typedef struct {
+    hil_robot robot;
+    hil_rolling_load load;
+    hil_rolling_state state;
+    double torque[2];
+    double inertia[2];
+} hil_rolling_inputs;
+
+/* Derivatives of both accelerations and of the motor's current [A] by all inputs, each at the input's own place. The
+ * accelerations are those at the inputs. */
+void hil_rolling_gradient(const hil_rolling_inputs *at, const double *accelerations, hil_rolling_inputs by[3]);
+
 /* accelerations[0] = beta_dd, [1] = alpha_dd [rad/s^2]. */
 void hil_rolling_accelerations(const hil_robot *robot, const hil_rolling_load *load, const hil_rolling_state *state,
                                double *accelerations);

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "flow.h"
+#include "vehicle_by.h"
 
 enum { FRONT = 0, REAR = 1, AXLES = 2, STATE = HIL_VEHICLE_STATE, SOIL = HIL_VEHICLE_SOIL };
 
@@ -23,8 +24,7 @@ typedef struct {
     double by_slip; /* a secant */
 } guess;
 
-/* A contact that was solved, and for what: a neighbour that changes nothing of it takes it over, one that changes
- * little moves along its derivatives. */
+/* A contact that was solved, and for what: a neighbour that changes nothing of it takes it over. */
 typedef struct {
     hil_tyre tyre;
     hil_tyre_soil soil;
@@ -42,8 +42,7 @@ typedef struct {
     int columns;
     int contact_columns; /* that each contact is solved with */
     guess guess[AXLES];
-    solved *known;         /* of each axle, or NULL */
-    const solved *tangent; /* the same, with all derivatives: along which neighbours move */
+    solved *known; /* of each axle, or NULL */
     hil_vehicle_failure *failure;
     const hil_vehicle_effects *effects; /* or NULL */
     int sample;                         /* that this step follows, of effects->input */
@@ -133,50 +132,12 @@ static int same_wheel(const solved *known, const hil_tyre *tyre, const hil_tyre_
            s->friction_angle == soil->friction_angle && s->shear_modulus == soil->shear_modulus;
 }
 
-/* The contact next to one with all of its derivatives, to first order; 0 where soil or tyre differ by more than a
- * small step. */
-static int along(const solved *from, const hil_tyre *tyre, const hil_tyre_soil *soil, double load, double slip,
-                 double *sinkage, hil_tyre_contact *c) {
-    const double SMALL = 1e-4;
-    const double *was = (const double *)&from->soil;
-    const double *now = (const double *)soil;
-    const hil_tyre *t = &from->tyre;
-    if (t->radius != tyre->radius || t->width != tyre->width || t->angle_share != tyre->angle_share ||
-        t->angle_slip != tyre->angle_slip || fabs(tyre->stiffness - t->stiffness) > SMALL * t->stiffness) {
-        return 0;
-    }
-    double change[HIL_TYRE_COLUMNS] = {0.0};
-    change[HIL_TYRE_BY_DEFLECTION] = load / tyre->stiffness - from->load / t->stiffness;
-    change[HIL_TYRE_BY_SLIP] = slip - from->slip;
-    for (int p = 0; p < SOIL; p++) {
-        change[HIL_TYRE_BY_SOIL + p] = now[p] - was[p];
-        if (fabs(now[p] - was[p]) > SMALL * fabs(was[p])) {
-            return 0;
-        }
-    }
-    *c = from->contact;
-    for (int k = 0; k < 3; k++) {
-        for (int q = HIL_TYRE_BY_DEFLECTION; q < HIL_TYRE_COLUMNS; q++) {
-            c->value[k] += c->derivative[k][q] * change[q];
-        }
-    }
-    const double deeper = (load - c->value[HIL_TYRE_LOAD]) / c->derivative[HIL_TYRE_LOAD][HIL_TYRE_BY_Z];
-    for (int k = 0; k < 3; k++) {
-        c->value[k] += c->derivative[k][HIL_TYRE_BY_Z] * deeper;
-    }
-    *sinkage = from->sinkage + deeper;
-    return 1;
-}
-
 static int contact_of(run *r, int axle, const hil_tyre *tyre, const hil_tyre_soil *soil, double load, double slip,
                       double *sinkage, hil_tyre_contact *c) {
     solved *known = r->known != NULL ? &r->known[axle] : NULL;
     if (known != NULL && load == known->load && slip == known->slip && same_wheel(known, tyre, soil)) {
         *sinkage = known->sinkage;
         *c = known->contact;
-        return HIL_TYRE_OK;
-    }
-    if (r->tangent != NULL && along(&r->tangent[axle], tyre, soil, load, slip, sinkage, c)) {
         return HIL_TYRE_OK;
     }
     const int status = hil_tyre_equilibrium(tyre, soil, load, slip, r->contact_columns, sinkage, c);
@@ -450,6 +411,7 @@ typedef struct {
     int status; /* of the first contact that failed */
     solved known[AXLES];
     hil_vehicle_effects effects;
+    hil_moves *moves;
 } neighbourhood;
 
 /* State of a flow: that of the run, then the wheels' angles. */
@@ -504,36 +466,38 @@ static void beside(const neighbourhood *n, const double *values, int sample, dou
     flow_rates(&other, sample, share, at, found);
 }
 
-static void flow_derive(void *law, int sample, double share, const double *state_at, hil_around *found) {
+static void flow_derive(void *law, int sample, double share, const double *at, hil_around *found) {
     neighbourhood copy = *(const neighbourhood *)law; /* the run itself goes the same way, followed or not */
     neighbourhood *n = &copy;
-    solved all[AXLES];
-    memset(all, 0, sizeof all);
-
-    double here[FLOW], there[FLOW], at[FLOW];
-    const double *values = n->effects.values;
+    double here[FLOW], there[FLOW], by[STATE][HIL_MOVES_WIDTH];
+    unsigned char apart[HIL_ODE_COLUMNS];
+    n->run.known = n->known;
     n->run.effects = &n->effects;
-    n->run.known = all; /* solved once more, with all derivatives */
-    n->run.contact_columns = HIL_TYRE_COLUMNS;
-    flow_rates(n, sample, share, state_at, here);
-    memcpy(n->known, all, sizeof all);
-    n->run.tangent = all;
-    n->run.contact_columns = 1;
-    memcpy(at, state_at, sizeof at);
-    for (int i = 0; i < FLOW; i++) {
-        at[i] = state_at[i] + 1e-6 * fmax(SIZE[i], fabs(state_at[i]));
-        const double step = at[i] - state_at[i];
-        beside(n, values, sample, share, at, there);
-        at[i] = state_at[i];
-        for (int s = 0; s < FLOW; s++) {
-            found->a[s][i] = (there[s] - here[s]) / step;
+    flow_rates(n, sample, share, at, here);
+    const double sinkage[AXLES] = {n->known[FRONT].sinkage, n->known[REAR].sinkage};
+    const hil_vehicle_point point = {&n->effects, sample, share, torque_at(n, sample, share), at, &at[ANGLE], sinkage};
+    hil_vehicle_derive(&point, n->moves, by, apart);
+    for (int s = 0; s < STATE; s++) {
+        const int held = s >= HIL_VEHICLE_SPEED && s < HIL_VEHICLE_FORCE && at[s] <= 0.0 && here[s] <= 0.0;
+        for (int i = 0; i < FLOW; i++) {
+            found->a[s][i] = held ? 0.0 : by[s][i];
+        }
+        for (int c = 0; c < n->columns; c++) {
+            found->b[s][c] = held ? 0.0 : by[s][FLOW + c];
         }
     }
+    for (int axle = 0; axle < AXLES; axle++) {
+        for (int i = 0; i < FLOW; i++) {
+            found->a[ANGLE + axle][i] = i == HIL_VEHICLE_OMEGA + axle ? 1.0 : 0.0;
+        }
+        memset(found->b[ANGLE + axle], 0, sizeof(double) * (size_t)n->columns);
+    }
     for (int c = 0; c < n->columns; c++) {
-        values += n->effects.count;
-        beside(n, values, sample, share, state_at, there);
-        for (int s = 0; s < FLOW; s++) {
-            found->b[s][c] = there[s] - here[s];
+        if (apart[c]) {
+            beside(n, n->effects.values + (ptrdiff_t)(c + 1) * n->effects.count, sample, share, at, there);
+            for (int s = 0; s < FLOW; s++) {
+                found->b[s][c] = there[s] - here[s];
+            }
         }
     }
 }
@@ -600,6 +564,13 @@ int hil_vehicle_follow(const hil_vehicle_effects *effects, int samples, const do
     n.run.failure = &failure;
     n.run.effects = &n.effects;
     take(&n.run, effects->values);
+    hil_moves moves;
+    hil_moves_begin(&moves, FLOW, n.columns, effects->count, effects->values);
+    hil_moves_hold(&moves, HIL_ROLE_TIME);
+    for (int i = 0; i < effects->inputs; i++) {
+        hil_moves_hold(&moves, effects->slot[i]);
+    }
+    n.moves = &moves;
     double absolute[FLOW], at[FLOW], other[FLOW];
     for (int s = 0; s < FLOW; s++) {
         absolute[s] = 1e-2 * RELATIVE * SIZE[s];

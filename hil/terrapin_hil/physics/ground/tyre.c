@@ -162,7 +162,7 @@ HIL_WIDE static void weigh(const side *s, const double *normal, const double *ta
 }
 
 HIL_WIDE static void add_side(const side *s, const arc *a, const hil_tyre_soil *soil, double slip, double tangent,
-                              int columns, sums *total) {
+                              int columns, unsigned soil_wanted, sums *total) {
     const double ratio = 1.0 - slip; /* V / (R_e omega) */
     const double inverse = 1.0 / soil->shear_modulus;
     const double half = 0.5 * (s->end - s->start);
@@ -210,7 +210,7 @@ HIL_WIDE static void add_side(const side *s, const arc *a, const hil_tyre_soil *
             total->by[r][q] += half * by[r] + 0.5 * length_by * sum[r];
         }
     }
-    if (columns < HIL_TYRE_COLUMNS) {
+    if (columns < HIL_TYRE_COLUMNS || soil_wanted == 0U) {
         return;
     }
     const double secant = 1.0 + tangent * tangent;
@@ -226,6 +226,9 @@ HIL_WIDE static void add_side(const side *s, const arc *a, const hil_tyre_soil *
         tangential[4][k] = -tau_rate[k] * shear[k] * inverse;
     }
     for (int p = 0; p < SOIL; p++) {
+        if ((soil_wanted & (1U << (unsigned)p)) == 0U) {
+            continue;
+        }
         weigh(s, normal[p], tangential[p], by);
         for (int r = 0; r < 3; r++) {
             total->by[r][HIL_TYRE_BY_SOIL + p] += half * by[r];
@@ -235,6 +238,11 @@ HIL_WIDE static void add_side(const side *s, const arc *a, const hil_tyre_soil *
 
 void hil_tyre_evaluate(const hil_tyre *tyre, const hil_tyre_soil *soil, double sinkage, double deflection, double slip,
                        int columns, hil_tyre_contact *contact) {
+    hil_tyre_evaluate_by(tyre, soil, sinkage, deflection, slip, columns, HIL_TYRE_ALL_SOIL, contact);
+}
+
+void hil_tyre_evaluate_by(const hil_tyre *tyre, const hil_tyre_soil *soil, double sinkage, double deflection,
+                          double slip, int columns, unsigned soil_wanted, hil_tyre_contact *contact) {
     const arc a = arc_of(tyre, sinkage, deflection, slip);
     const double tangent = tan(soil->friction_angle);
     side front, rear;
@@ -245,8 +253,8 @@ void hil_tyre_evaluate(const hil_tyre *tyre, const hil_tyre_soil *soil, double s
     place(a.middle, a.front, &front);
     place(a.rear, a.middle, &rear);
     press(&a, soil, columns < GEOMETRY ? columns : GEOMETRY, &front, &rear);
-    add_side(&rear, &a, soil, slip, tangent, columns, &total);
-    add_side(&front, &a, soil, slip, tangent, columns, &total);
+    add_side(&rear, &a, soil, slip, tangent, columns, soil_wanted, &total);
+    add_side(&front, &a, soil, slip, tangent, columns, soil_wanted, &total);
     contact->effective_radius = tyre->radius - deflection / 3.0;
     for (int r = 0; r < 3; r++) {
         const double arm = r == HIL_TYRE_TORQUE ? contact->effective_radius : 1.0;

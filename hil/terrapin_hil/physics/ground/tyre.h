@@ -31,6 +31,7 @@ typedef struct {
 
 enum { HIL_TYRE_FORCE = 0, HIL_TYRE_LOAD = 1, HIL_TYRE_TORQUE = 2 }; /* rows: F_x, F_z, M_y */
 enum { HIL_TYRE_BY_Z = 0, HIL_TYRE_BY_DEFLECTION = 1, HIL_TYRE_BY_SLIP = 2, HIL_TYRE_BY_SOIL = 3 };
+enum { HIL_TYRE_ALL_SOIL = 31 };
 #define HIL_TYRE_COLUMNS 8 /* sinkage, deflection, slip, then the five of the soil */
 
 typedef struct {
@@ -58,6 +59,10 @@ double hil_tyre_slip(double axle, double rim, double floor, double *by_axle, dou
  * 0. */
 void hil_tyre_evaluate(const hil_tyre *tyre, const hil_tyre_soil *soil, double sinkage, double deflection, double slip,
                        int columns, hil_tyre_contact *contact);
+
+/* The same; of the soil's derivatives only those whose bit is set (1 << 0 for its first number), 0 elsewhere. */
+void hil_tyre_evaluate_by(const hil_tyre *tyre, const hil_tyre_soil *soil, double sinkage, double deflection,
+                          double slip, int columns, unsigned soil_wanted, hil_tyre_contact *contact);
 
 /* Sinkage that carries `load` [N] within 1e-9, by Newton's method in a bracket from the guess *sinkage, which it
  * replaces. Derivatives are at fixed sinkage and deflection. At most 60 evaluations; HIL_TYRE_... */
