@@ -12,6 +12,14 @@
 
 #include "terrapin_interface.c"
 
+/* What it says goes to `told_to`, where a test wants to read it. */
+static FILE *told_to;
+static FILE *its_stderr(void) {
+    return (told_to != NULL) ? told_to : stderr;
+}
+#undef stderr
+#define stderr its_stderr()
+
 #include "../../firmware/link/intake.c"
 #include "../../firmware/ports/linux/clock.c"
 #include "../../firmware/ports/linux/controller.c"
@@ -47,7 +55,7 @@ static char opened[64];      /* first letters of what was asked for */
 static char refused;         /* that one of them which cannot be had */
 static gpio_line *offered;   /* what any line is, when it can be had */
 static bool pwm_refuses, zero_refuses, enable_refuses;
-static bool bridge_forbidden;
+static bool bridge_forbidden, stop_was_kept;
 static int modes_to_change; /* commands of test mode that come */
 static int stops_kept, frames_sent, reopened;
 static char told_systemd[64];
@@ -242,7 +250,7 @@ void terrapin_process_identity(terrapin_identity *identity, int node, terrapin_f
 }
 bool terrapin_process_take_stop(const terrapin_flash_file *file, terrapin_state *state) {
     (void)file, (void)state;
-    return false;
+    return stop_was_kept;
 }
 void terrapin_process_keep_stop(terrapin_flash_file *file, const terrapin_state *state, bool *kept) {
     (void)file, (void)state, (void)kept;

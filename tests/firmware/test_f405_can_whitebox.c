@@ -41,6 +41,12 @@ void setUp(void) {
     chip.r.MSR = 0U;
     poll();
     TEST_ASSERT_EQUAL(CAN_RUNNING, bus.phase);
+    TEST_ASSERT_EQUAL_HEX32(can_timing(42000000U, 500000U), chip.r.BTR);
+    TEST_ASSERT_EQUAL_HEX32(BIT(6), chip.r.MCR);
+    TEST_ASSERT_EQUAL_HEX32(BIT(1), chip.r.IER);
+    TEST_ASSERT_EQUAL_HEX32_MESSAGE(0U, chip.r.FMR | chip.r.FM1R | chip.r.FS1R | chip.r.FFA1R,
+                                    "masks, 16 bits, FIFO 0");
+    TEST_ASSERT_EQUAL_HEX32(3U, chip.r.FA1R);
 }
 
 void tearDown(void) {}

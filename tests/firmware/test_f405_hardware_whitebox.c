@@ -73,6 +73,7 @@ static uint32_t opened_flashes;
 static const terrapin_flash_area *store_pages;
 static bool store_good;
 static watchdog_time guarded;
+static bool watchdog_good = true;
 static uint32_t fed, confirmed, kept_stop = 9, noted, asked_channels, reversed;
 static int idle_after;
 static uint32_t polls;
@@ -193,7 +194,7 @@ uint32_t unique_number(void) {
 bool watchdog_set(watchdog *w, iwdg_registers *registers, watchdog_time time) {
     TEST_ASSERT_TRUE((w == &guard) && (registers == &iwdg));
     guarded = time;
-    return true;
+    return watchdog_good;
 }
 void watchdog_feed(const watchdog *w) {
     TEST_ASSERT_EQUAL_PTR(&guard, w);
@@ -377,6 +378,21 @@ static void test_what_is_known_at_the_start(void) {
     TEST_ASSERT_EQUAL_UINT32(0xABCDU, found.unique);
     TEST_ASSERT_EQUAL_UINT32(168000000U, found.core_hz);
     TEST_ASSERT_TRUE((rcc.CSR & RCC_CSR_RMVF) != 0U);
+    watchdog_good = false;
+    found = look();
+    TEST_ASSERT_TRUE(found.watchdog_absent);
+    TEST_ASSERT_FALSE(found.clock_fallback || found.bridge_break || found.brown_out_unset || found.no_ground_wheel);
+    watchdog_good = true;
+    flash_chip.OPTCR = FLASH_OPTCR_BOR_OFF;
+    found = look();
+    TEST_ASSERT_TRUE(found.brown_out_unset);
+    TEST_ASSERT_FALSE(found.clock_fallback || found.bridge_break || found.watchdog_absent || found.no_ground_wheel);
+    flash_chip.OPTCR = 0U;
+    clocks slow = speed;
+    slow.result = CLOCK_NO_CRYSTAL;
+    found = hardware_look(&slow, 0x20000000U);
+    TEST_ASSERT_TRUE(found.clock_fallback);
+    TEST_ASSERT_FALSE(found.brown_out_unset || found.bridge_break || found.watchdog_absent || found.no_ground_wheel);
     random_good = false; /* no session without a number of this start; the key stays: nothing is taken unsealed */
     found = look();
     TEST_ASSERT_EQUAL_PTR(key_words, found.link_key);
@@ -397,7 +413,11 @@ static void test_the_watchdog_s_time(void) {
     hardware_flash_work(false);
     TEST_ASSERT_EQUAL(WATCHDOG_WORK, guarded);
     guarded = WATCHDOG_ERASE;
+    dwt.CYCCNT = 77U;
+    systick.VAL = 77U;
     hardware_start(168000000U);
+    TEST_ASSERT_EQUAL_UINT32(0U, dwt.CYCCNT);
+    TEST_ASSERT_EQUAL_UINT32(0U, systick.VAL);
     TEST_ASSERT_EQUAL(WATCHDOG_WORK, guarded);
     TEST_ASSERT_EQUAL_UINT32(167999U, systick.LOAD);
     TEST_ASSERT_EQUAL_UINT32(7U, systick.CTRL);

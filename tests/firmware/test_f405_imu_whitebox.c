@@ -137,6 +137,8 @@ bool imu_exchange(uint8_t address, uint8_t *bytes, uint32_t count) {
         return false;
     }
     TEST_ASSERT_TRUE_MESSAGE((chip.tick > chip.reset) || (address == 0x11U), "asked while it resets");
+    TEST_ASSERT_TRUE_MESSAGE((first + count) <= 0x2BU || (count == 1U),
+                             "no status behind the sample, which a read clears");
     for (uint32_t i = 0U; i < count; i++) {
         if (reads) {
             bytes[i] = chip.registers[first + i];
@@ -305,6 +307,23 @@ static void test_a_dead_bus_is_no_swing_and_comes_back(void) {
     TEST_ASSERT_FALSE(imu_running(&body.chip));
 }
 
+/* What a chip did before it was reset is forgotten: its first sample may be lost as any other. */
+static void test_a_chip_that_was_reset_begins_without_faults(void) {
+    ticks(400U);
+    chip.dead = true;
+    ticks(IMU_BAD_TICKS);
+    TEST_ASSERT_FALSE(imu_running(&body.chip));
+    chip.dead = false;
+    while (!imu_running(&body.chip) || (body.chip.wait > 0U)) {
+        ticks(1U);
+    }
+    chip.dead = true;
+    ticks(IMU_BAD_TICKS - 1U);
+    TEST_ASSERT_TRUE(imu_running(&body.chip));
+    chip.dead = false;
+    TEST_ASSERT_TRUE(tick());
+}
+
 static void test_a_sample_that_is_lost_costs_that_tick_alone(void) {
     ticks(400U);
     for (uint32_t i = 0U; i < 10U; i++) { /* four in a row, again and again */
@@ -429,6 +448,7 @@ int main(void) {
     RUN_TEST(test_it_is_set_up_and_valid_before_the_self_test_ends);
     RUN_TEST(test_another_chip_is_refused);
     RUN_TEST(test_a_dead_bus_is_no_swing_and_comes_back);
+    RUN_TEST(test_a_chip_that_was_reset_begins_without_faults);
     RUN_TEST(test_a_sample_that_is_lost_costs_that_tick_alone);
     RUN_TEST(test_settings_that_do_not_hold_are_seen);
     RUN_TEST(test_a_chip_that_says_the_same_for_ever_is_none);

@@ -1,5 +1,6 @@
 /* The chip's parts against registers made of memory: a clock that does not come, flash that refuses, samples that fail
  * to arrive, a dead time that must not be shorter than asked. */
+#include <stdio.h>
 #include <string.h>
 
 #include "unity.h"
@@ -416,6 +417,21 @@ static void test_flash_refuses_what_is_not_its_own(void) {
     TEST_ASSERT_TRUE(flash.read(flash.context, 0xBFFFU, bytes, 1U));
 }
 
+/* What runs already, an erase of the boot loader's, is waited for and not disturbed (RM0090, 3.6.1). */
+static void test_a_flash_at_work_is_not_written(void) {
+    const terrapin_flash flash = open_pages();
+    static const uint8_t bytes[4] = {0};
+    flash_chip.SR = FLASH_SR_BSY;
+    flash_stuck = true;
+    TEST_ASSERT_FALSE(flash.write(flash.context, 0x4000U, bytes, 4U));
+    TEST_ASSERT_FALSE(flash.erase(flash.context, pages));
+    TEST_ASSERT_EQUAL_HEX8(0xFF, memory[0x4000]);
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0U, keys, "not even unlocked");
+    TEST_ASSERT_EQUAL_HEX32(0U, erased);
+    flash_stuck = false;
+    TEST_ASSERT_TRUE(flash.write(flash.context, 0x4000U, bytes, 4U));
+}
+
 static void test_flash_says_errors_and_gives_up(void) {
     const terrapin_flash flash = open_pages();
     static const uint8_t bytes[4] = {0};
@@ -428,6 +444,138 @@ static void test_flash_says_errors_and_gives_up(void) {
     flash_stuck = true;
     TEST_ASSERT_FALSE(flash.write(flash.context, 0x4004U, bytes, 4U));
     TEST_ASSERT_LESS_THAN(3U * TRIES_WRITE, spins);
+}
+
+/* ---- what the parts write at their start, and that they write nothing else: all other registers are as a reset, or
+ * somebody before, left them */
+
+/* That `registers` are as they were (filled with a byte) but for what is written: pairs of register and value, 0 ends.
+ */
+typedef struct {
+    volatile uint32_t *at;
+    uint32_t value;
+} write_of;
+
+static void wrote(volatile void *block, size_t size, const write_of *writes) {
+    volatile uint32_t *const words = block;
+    for (size_t i = 0U; i < (size / 4U); i++) {
+        uint32_t wanted = 0x5A5A5A5AU;
+        for (const write_of *w = writes; w->at != NULL; w++) {
+            wanted = (w->at == &words[i]) ? w->value : wanted;
+        }
+        char what[32];
+        (void)snprintf(what, sizeof what, "register at 0x%02X", (unsigned int)(4U * i));
+        TEST_ASSERT_EQUAL_HEX32_MESSAGE(wanted, words[i], what);
+    }
+}
+
+static void fill(volatile void *block, size_t size) {
+    memset((void *)(uintptr_t)block, 0x5A, size);
+}
+
+static void test_what_the_bridge_writes(void) {
+    bridge b;
+    fill(&timer, sizeof timer);
+    bridge_open(&b, &timer, 168000000U, 20000U, 500U);
+    const write_of writes[] = {{&timer.CR1, BIT(5) | BIT(6) | BIT(7) | BIT(0)},
+                               {&timer.CR2, 6U << 4U},
+                               {&timer.SR, 0U},
+                               {&timer.EGR, BIT(0)},
+                               {&timer.CCMR1, (6U << 4U) | BIT(3) | (6U << 12U) | BIT(11)},
+                               {&timer.CCMR2, (7U << 4U) | BIT(3)},
+                               {&timer.CCER, BIT(0) | BIT(2) | BIT(4) | BIT(6)},
+                               {&timer.PSC, 0U},
+                               {&timer.ARR, 4200U},
+                               {&timer.CCR1, 0U},
+                               {&timer.CCR2, 0U},
+                               {&timer.CCR3, timer.CCR3},
+                               {&timer.BDTR, BIT(8) | BIT(10) | BIT(11) | BIT(12) | 84U},
+                               {NULL, 0U}};
+    wrote(&timer, sizeof timer, writes);
+}
+
+static void test_what_the_encoder_writes(void) {
+    fill(&timer, sizeof timer);
+    encoder_open(&timer, true);
+    const write_of writes[] = {{&timer.CR1, BIT(0)},
+                               {&timer.SMCR, 3U},
+                               {&timer.CCMR1, BIT(0) | BIT(8) | (3U << 4U) | (3U << 12U)},
+                               {&timer.CCER, BIT(1)},
+                               {&timer.ARR, 0xFFFFU},
+                               {&timer.CNT, 0U},
+                               {NULL, 0U}};
+    wrote(&timer, sizeof timer, writes);
+}
+
+static void test_what_the_line_writes(void) {
+    static usart u;
+    fill(&serial, sizeof serial);
+    usart_open(&u, &serial, 84000000U, 1000000U);
+    const write_of writes[] = {{&serial.CR1, BIT(2) | BIT(3) | BIT(5) | BIT(13)},
+                               {&serial.CR2, 0U},
+                               {&serial.CR3, 0U},
+                               {&serial.BRR, 84U},
+                               {NULL, 0U}};
+    wrote(&serial, sizeof serial, writes);
+    TEST_ASSERT_EQUAL_UINT32(0U, u.damaged);
+}
+
+static void test_what_the_converter_writes(void) {
+    static analog a;
+    static const uint8_t channels[3] = {10U, 11U, 12U};
+    fill(&adc, sizeof adc);
+    fill(&adc_common, sizeof adc_common);
+    fill(&dma, sizeof dma);
+    fill(&relay, sizeof relay);
+    analog_open(&a, &adc, &adc_common, &dma, &relay, channels);
+    const write_of of_adc[] = {{&adc.SR, 0U},
+                               {&adc.CR1, BIT(8)},
+                               {&adc.CR2, BIT(0) | BIT(8) | BIT(9) | (6U << 24U) | BIT(28)},
+                               {&adc.SMPR1, 1U | (1U << 3U) | (1U << 6U)},
+                               {&adc.SMPR2, 0U},
+                               {&adc.SQR1, 2U << 20U},
+                               {&adc.SQR3, 10U | (11U << 5U) | (12U << 10U)},
+                               {NULL, 0U}};
+    wrote(&adc, sizeof adc, of_adc);
+    const write_of of_common[] = {{&adc_common.CCR, BIT(16)}, {NULL, 0U}};
+    wrote(&adc_common, sizeof adc_common, of_common);
+    const write_of of_dma[] = {{&dma.LIFCR, 0x3DU},
+                               {&dma.stream[0].CR, BIT(0) | BIT(8) | BIT(10) | BIT(11) | BIT(13)},
+                               {&dma.stream[0].NDTR, ANALOG_ROUNDS * 3U},
+                               {&dma.stream[0].PAR, (uint32_t)(uintptr_t)&adc.DR},
+                               {&dma.stream[0].M0AR, (uint32_t)(uintptr_t)a.samples},
+                               {NULL, 0U}};
+    wrote(&dma, sizeof dma, of_dma);
+    const write_of of_relay[] = {
+        {&relay.CR1, BIT(0)}, {&relay.CR2, 0U}, {&relay.SMCR, 4U}, {&relay.ARR, 0xFFFFFFFFU}, {NULL, 0U}};
+    wrote(&relay, sizeof relay, of_relay);
+}
+
+static void test_what_the_clock_writes(void) {
+    rcc.AHB1ENR = BIT(30); /* the rest stays as it is */
+    rcc.APB1ENR = BIT(30);
+    rcc.APB2ENR = BIT(30);
+    rcc.CFGR = 0x0000FCF0U;
+    (void)start();
+    TEST_ASSERT_EQUAL_HEX32(BIT(30) | 0x1FU | BIT(22), rcc.AHB1ENR);
+    TEST_ASSERT_EQUAL_HEX32(BIT(30) | BIT(0) | BIT(1) | BIT(2) | BIT(25) | BIT(28), rcc.APB1ENR);
+    TEST_ASSERT_EQUAL_HEX32(BIT(30) | BIT(0) | BIT(4) | BIT(8) | BIT(12), rcc.APB2ENR);
+    TEST_ASSERT_EQUAL_HEX32((5U << 10U) | (4U << 13U) | BIT(1) | BIT(3), rcc.CFGR);
+    TEST_ASSERT_EQUAL_HEX32(5U | BIT(8) | BIT(9) | BIT(10), flash_chip.ACR);
+    TEST_ASSERT_EQUAL_HEX32(BIT(14), pwr.CR);
+    TEST_ASSERT_EQUAL_HEX32(8U | (336U << 6U) | BIT(22) | (7U << 24U), rcc.PLLCFGR);
+}
+
+/* A clock that is as a reset leaves it, or as we left it, is not taken away from under what runs on it. */
+static void test_the_clock_is_taken_back_to_change_a_pll_that_runs_alone(void) {
+    rcc.CFGR = RCC_CFGR_SW_PLL | RCC_CFGR_SWS_PLL; /* a loader's PLL, off by now */
+    rcc.CR = RCC_CR_HSION | RCC_CR_HSIRDY;
+    switch_comes = true;
+    const uint32_t before = spins;
+    set_pll(&rcc, 5U);
+    TEST_ASSERT_EQUAL_HEX32(RCC_CFGR_SW_PLL | RCC_CFGR_SWS_PLL, rcc.CFGR);
+    TEST_ASSERT_EQUAL_UINT32(before, spins);
+    TEST_ASSERT_EQUAL_HEX32(5U, rcc.PLLCFGR);
 }
 
 /* ---- ADC */
@@ -512,10 +660,15 @@ static void test_adc_overrun_begins_anew(void) {
     sample(1000U, 1000U, 1000U);
     (void)analog_read(&sensors);
     adc.SR = ADC_SR_OVR;
+    dma.LIFCR = dma.HIFCR = 0U;
     sample(1234U, 1U, 1U); /* channels may be mixed up: not to be believed */
     TEST_ASSERT_TRUE(analog_read(&sensors));
     TEST_ASSERT_EQUAL_UINT16(1000U, sensors.codes[0]);
     TEST_ASSERT_EQUAL_UINT32(0U, adc.SR);
+    TEST_ASSERT_EQUAL_HEX32(0x3DU, dma.LIFCR); /* all flags of stream 0, in the low register: RM0090, 10.5.3 */
+    TEST_ASSERT_EQUAL_HEX32(0U, dma.HIFCR);
+    TEST_ASSERT_EQUAL_HEX32(BIT(8), adc.CR2 & BIT(8));
+    TEST_ASSERT_EQUAL_HEX32(BIT(0), dma.stream[0].CR & BIT(0));
     TEST_ASSERT_EQUAL_UINT32(ANALOG_ROUNDS * ANALOG_CHANNELS, dma.stream[0].NDTR);
     dma_at = 0U;
     sample(2222U, 1U, 1U);
@@ -819,7 +972,14 @@ int main(void) {
     RUN_TEST(test_flash_writes_and_erases);
     RUN_TEST(test_an_erase_empties_the_caches_and_leaves_them_on);
     RUN_TEST(test_flash_refuses_what_is_not_its_own);
+    RUN_TEST(test_a_flash_at_work_is_not_written);
     RUN_TEST(test_flash_says_errors_and_gives_up);
+    RUN_TEST(test_what_the_bridge_writes);
+    RUN_TEST(test_what_the_encoder_writes);
+    RUN_TEST(test_what_the_line_writes);
+    RUN_TEST(test_what_the_converter_writes);
+    RUN_TEST(test_what_the_clock_writes);
+    RUN_TEST(test_the_clock_is_taken_back_to_change_a_pll_that_runs_alone);
     RUN_TEST(test_adc_sampling_times_of_all_channels);
     RUN_TEST(test_adc_means_of_a_tick);
     RUN_TEST(test_adc_that_falls_silent_reads_zero);

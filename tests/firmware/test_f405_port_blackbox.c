@@ -84,8 +84,10 @@ void hardware_alive(bool lit) {
     alive++;
 }
 
+static uint32_t cycles_a_look, cycles_looked; /* that pass from one look at the counter to the next */
 uint32_t hardware_cycles(void) {
-    return now_us * 168U;
+    cycles_looked += cycles_a_look;
+    return (now_us * 168U) + cycles_looked;
 }
 
 uint32_t hardware_tick_cycles(void) {
@@ -481,6 +483,36 @@ static void test_a_start_is_healthy_once(void) {
     TEST_ASSERT_EQUAL_UINT32(1U, healthy);
 }
 
+/* Who has not the key cannot make it leave its work, nor write another image: such a frame waits for its seal. */
+static void test_with_a_key_an_update_waits_for_its_seal(void) {
+    static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
+    static const uint8_t keys[64] = {0};
+    static const uint32_t link_key[4] = {1U, 2U, 3U, 4U};
+    static terrapin_flash_emulated chip_memory;
+    static terrapin_update update;
+    memset(bytes, 0xFF, sizeof bytes);
+    terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
+    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
+    const terrapin_boot boot = {.flash = &flash, .keys = keys};
+    hardware_facts hardware = plain();
+    const terrapin_update_reset_t message = {.key = TERRAPIN_UPDATE_RESET_KEY, .stay = 0};
+    terrapin_frame frame = {0};
+    (void)terrapin_encode_update_reset(&message, &frame);
+    for (uint32_t sealed = 2U; sealed > 0U; sealed--) {
+        hardware.link_key = (sealed == 2U) ? link_key : NULL;
+        hardware.link_generation = (sealed == 2U) ? 1U : 0U;
+        terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
+        port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
+        (void)port_pass(&controller, controller.tick + 1U);
+        for (uint32_t counter = 0U; counter < 2U; counter++) {
+            terrapin_e2e_protect(&frame, (uint8_t)counter);
+            give(&frame);
+        }
+        TEST_ASSERT_EQUAL_UINT32((sealed == 2U) ? 0U : 2U, resets);
+        TEST_ASSERT_EQUAL_UINT32((sealed == 2U) ? 1U : 0U, controller.link.unsealed);
+    }
+}
+
 static void test_update_resets_with_the_motor_off_alone(void) {
     static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
     static const uint8_t keys[64] = {0};
@@ -668,6 +700,21 @@ static void test_tells_what_it_dropped_and_how_long_it_takes(void) {
     TEST_ASSERT_EQUAL_MEMORY(&expected, &times, sizeof times);
 }
 
+/* Sense and send are timed by two looks each, and the step by those that it takes itself. */
+static void test_each_phase_is_timed_as_its_own(void) {
+    (void)port_pass(&controller, controller.tick + 1U);
+    for (uint32_t i = 0; i < PHASE_COUNT; i++) {
+        (void)phases_take_250ns(&controller.times, (phase)i);
+    }
+    cycles_a_look = 1000U;
+    (void)port_pass(&controller, controller.tick + 1U);
+    cycles_a_look = 0U;
+    TEST_ASSERT_EQUAL_UINT32(1000U, controller.times.longest[PHASE_SENSE]);
+    TEST_ASSERT_EQUAL_UINT32(1000U, controller.times.longest[PHASE_STEP]);
+    TEST_ASSERT_EQUAL_UINT32(1000U, controller.times.longest[PHASE_SEND]);
+    TEST_ASSERT_EQUAL_UINT32(0U, controller.times.longest[PHASE_RECEIVE]);
+}
+
 /* A board without a ground wheel refuses the limiter, and says so until something else is commanded. */
 static void test_a_limiter_without_a_wheel_is_refused_and_told(void) {
     const hardware_facts hardware = {.core_hz = 168000000U, .no_ground_wheel = true, .imu_absent = true};
@@ -750,10 +797,12 @@ int main(void) {
     RUN_TEST(test_defaults_are_the_boards);
     RUN_TEST(test_the_watchdog_has_no_more_time_while_the_motor_is_on);
     RUN_TEST(test_a_start_is_healthy_once);
+    RUN_TEST(test_with_a_key_an_update_waits_for_its_seal);
     RUN_TEST(test_update_resets_with_the_motor_off_alone);
     RUN_TEST(test_a_node_has_identifiers_of_its_own);
     RUN_TEST(test_tells_status_once_and_counts);
     RUN_TEST(test_tells_what_it_dropped_and_how_long_it_takes);
+    RUN_TEST(test_each_phase_is_timed_as_its_own);
     RUN_TEST(test_a_limiter_without_a_wheel_is_refused_and_told);
     RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);
     RUN_TEST(test_absent_bus_is_told_on_the_line);

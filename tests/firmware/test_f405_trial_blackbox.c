@@ -56,6 +56,7 @@ static port controller;
 static kind now_kind;
 static uint32_t healthy, healthy_at, resets;
 static bool driven;
+static bool spoilt; /* frames are damaged from the second on */
 
 const hardware_parameter hardware_parameters[] = {{TERRAPIN_PARAMETER_SUPPLY_SCALE, 4592}};
 const uint32_t hardware_parameter_count = 1U;
@@ -154,7 +155,7 @@ static void give(kind is, uint32_t request, uint32_t counter) {
     const terrapin_command_t message = {.request = (int32_t)request, .setpoint = 1000};
     (void)terrapin_encode_command(&message, &frame);
     terrapin_e2e_protect(&frame, counter);
-    if (is == DAMAGED_FRAMES) {
+    if ((is == DAMAGED_FRAMES) || (spoilt && controller.health.heard)) {
         frame.data[7] ^= 1U;
     } else if (is == FOREIGN_FRAMES) {
         frame.id = 0x300U;
@@ -201,6 +202,18 @@ static void test_a_hundred_healthy_images_are_confirmed(void) {
     }
 }
 
+/* One good frame, some time: a bus that is disturbed afterwards is no fault of the image. */
+static void test_one_good_frame_is_enough(void) {
+    spoilt = true;
+    start(HEALTHY, true);
+    for (uint32_t tick = 1U; tick <= 7000U; tick++) {
+        live(tick, 0U, TERRAPIN_REQUEST_IDLE);
+    }
+    spoilt = false;
+    TEST_ASSERT_EQUAL_UINT32(1U, healthy);
+    TEST_ASSERT_GREATER_THAN_UINT32(100U, controller.link.bad_crc);
+}
+
 static void test_no_faulty_image_is_confirmed(void) {
     TEST_ASSERT_GREATER_OR_EQUAL(20, KINDS - 1);
     for (kind is = NO_ACKNOWLEDGE; is < KINDS; is++) {
@@ -241,6 +254,7 @@ static void test_a_confirmed_image_never_resets_itself(void) {
 int main(void) {
     UNITY_BEGIN();
     RUN_TEST(test_a_hundred_healthy_images_are_confirmed);
+    RUN_TEST(test_one_good_frame_is_enough);
     RUN_TEST(test_no_faulty_image_is_confirmed);
     RUN_TEST(test_a_confirmed_image_never_resets_itself);
     return UNITY_END();

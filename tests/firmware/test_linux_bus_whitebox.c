@@ -27,14 +27,44 @@ static int fake_bind(int s, const struct sockaddr *address, socklen_t size);
 void setUp(void) {}
 void tearDown(void) {}
 
-static int refusal;
+static int refusal; /* 0: what waits is brought, or what is given taken */
+static struct can_frame waiting[4], taken[4];
+static uint32_t waiting_lost[4]; /* the kernel's count that comes with it */
+static int waiting_count, takes;
+static size_t waiting_size; /* bytes of each */
+
+static void bring(struct mmsghdr *message, int i) {
+    TEST_ASSERT_EQUAL(1, message->msg_hdr.msg_iovlen);
+    TEST_ASSERT_EQUAL(sizeof waiting[0], message->msg_hdr.msg_iov->iov_len);
+    (void)memcpy(message->msg_hdr.msg_iov->iov_base, &waiting[i], sizeof waiting[0]);
+    message->msg_len = (unsigned int)waiting_size;
+    struct cmsghdr *c = CMSG_FIRSTHDR(&message->msg_hdr);
+    TEST_ASSERT_NOT_NULL(c);
+    c->cmsg_level = SOL_SOCKET;
+    c->cmsg_type = SO_RXQ_OVFL;
+    c->cmsg_len = CMSG_LEN(sizeof waiting_lost[0]);
+    (void)memcpy(CMSG_DATA(c), &waiting_lost[i], sizeof waiting_lost[0]);
+}
+
 static int refuses(int descriptor, struct mmsghdr *messages, unsigned int count, int flags) {
     (void)descriptor;
     TEST_ASSERT_NOT_NULL(messages);
-    TEST_ASSERT_TRUE((count == 1U) || (count == BUS_AT_ONCE));
     TEST_ASSERT_EQUAL_MESSAGE(MSG_DONTWAIT, flags, "the loop does not wait here");
-    errno = refusal;
-    return -1;
+    if (refusal != 0) {
+        TEST_ASSERT_TRUE((count == 1U) || (count == BUS_AT_ONCE));
+        errno = refusal;
+        return -1;
+    }
+    if (count == BUS_AT_ONCE) {
+        for (int i = 0; i < waiting_count; i++) {
+            bring(&messages[i], i);
+        }
+        return waiting_count;
+    }
+    for (int i = 0; i < takes; i++) {
+        (void)memcpy(&taken[i], messages[i].msg_hdr.msg_iov->iov_base, sizeof taken[0]);
+    }
+    return takes;
 }
 
 static char asked[128];
@@ -279,8 +309,75 @@ static void test_what_a_refusal_means(void) {
     }
 }
 
+static struct can_frame on_the_bus(uint32_t id, uint8_t first) {
+    return (struct can_frame){.can_id = id, .can_dlc = 2, .data = {first, 0x55}};
+}
+
+/* In their order, what is between them left out; each brings the kernel's count of what was lost before it. */
+static void test_frames_are_taken_in_order(void) {
+    bus b = {.name = "none", .descriptor = 5, .state = BUS_DOWN};
+    terrapin_frame in[BUS_AT_ONCE];
+    refusal = 0;
+    waiting_count = 4;
+    waiting_size = sizeof waiting[0];
+    waiting[0] = on_the_bus(0x101U, 1);
+    waiting[1] = on_the_bus(CAN_ERR_FLAG | CAN_ERR_ACK, 2);
+    waiting[2] = on_the_bus(0x102U, 3);
+    waiting[3] = on_the_bus(0x103U, 4);
+    waiting_lost[0] = waiting_lost[1] = 2U;
+    waiting_lost[2] = waiting_lost[3] = 7U;
+    TEST_ASSERT_EQUAL(3, socketcan_receive(&b, in));
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_HEX(0x101 + i, in[i].id);
+        TEST_ASSERT_EQUAL(2, in[i].length);
+    }
+    TEST_ASSERT_EQUAL(1, in[0].data[0]);
+    TEST_ASSERT_EQUAL(3, in[1].data[0]);
+    TEST_ASSERT_EQUAL(4, in[2].data[0]);
+    TEST_ASSERT_EQUAL(3, b.counts.received);
+    TEST_ASSERT_EQUAL(1, b.counts.no_acknowledge);
+    TEST_ASSERT_EQUAL(7, b.counts.overflowed);
+    TEST_ASSERT_EQUAL_MESSAGE(BUS_ACTIVE, b.state, "frames come: it is up again");
+    waiting_size = sizeof waiting[0] - 1U; /* cut */
+    TEST_ASSERT_EQUAL(0, socketcan_receive(&b, in));
+    waiting_size = sizeof waiting[0];
+    b.state = BUS_DOWN;
+    waiting[0] = on_the_bus(CAN_ERR_FLAG | CAN_ERR_ACK, 2);
+    waiting_count = 1;
+    TEST_ASSERT_EQUAL(0, socketcan_receive(&b, in));
+    TEST_ASSERT_EQUAL_MESSAGE(BUS_DOWN, b.state, "an error alone says nothing of it");
+}
+
+/* As many as the queue took, the rest counted. */
+static void test_frames_are_sent_in_order(void) {
+    const terrapin_frame out[TERRAPIN_MAX_FRAMES] = {{.id = 0x181U, .length = 8U, .data = {1, 2, 3, 4, 5, 6, 7, 8}},
+                                                     {.id = 0x182U, .length = 1U, .data = {9}}};
+    bus b = {.name = "none", .descriptor = 5, .state = BUS_DOWN};
+    refusal = 0;
+    takes = 2;
+    socketcan_send(&b, out, 2U);
+    TEST_ASSERT_EQUAL_HEX(0x181, taken[0].can_id);
+    TEST_ASSERT_EQUAL(8, taken[0].can_dlc);
+    TEST_ASSERT_EQUAL_MEMORY(out[0].data, taken[0].data, 8);
+    TEST_ASSERT_EQUAL_HEX(0x182, taken[1].can_id);
+    TEST_ASSERT_EQUAL(1, taken[1].can_dlc);
+    TEST_ASSERT_EQUAL(9, taken[1].data[0]);
+    TEST_ASSERT_EQUAL(2, b.counts.sent);
+    TEST_ASSERT_EQUAL(BUS_ACTIVE, b.state);
+    takes = 1;
+    socketcan_send(&b, out, 2U);
+    TEST_ASSERT_EQUAL(3, b.counts.sent);
+    TEST_ASSERT_EQUAL(1, b.counts.unsent);
+    takes = 0;
+    socketcan_send(&b, out, 2U);
+    TEST_ASSERT_EQUAL(3, b.counts.sent);
+    TEST_ASSERT_EQUAL(3, b.counts.unsent);
+}
+
 int main(void) {
     UNITY_BEGIN();
+    RUN_TEST(test_frames_are_taken_in_order);
+    RUN_TEST(test_frames_are_sent_in_order);
     RUN_TEST(test_losses_add_up);
     RUN_TEST(test_a_new_socket_counts_from_zero);
     RUN_TEST(test_error_counters_are_no_error);

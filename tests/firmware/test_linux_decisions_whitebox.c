@@ -274,6 +274,17 @@ static void test_in_test_mode_the_bridge_is_off_and_the_clock_steps_no_more(void
     TEST_ASSERT_EQUAL(2, steps);
 }
 
+/* poll(2) may say so without a period behind it. */
+static void test_without_a_period_there_is_no_tick(void) {
+    TEST_ASSERT_TRUE(tick_clock_start(&c.clock, 1000U * (uint64_t)TICK_NS));
+    c.inputs.tick = 5U;
+    c.intake.ahead = 1U;
+    tick(&c);
+    TEST_ASSERT_EQUAL(0, steps);
+    TEST_ASSERT_EQUAL(5, c.inputs.tick);
+    TEST_ASSERT_EQUAL_MESSAGE(1, c.intake.ahead, "no budget of another tick, either");
+}
+
 static void test_ticks_that_were_missed_are_in_the_step_s_tick(void) {
     const struct timespec stall = {.tv_nsec = 30000000};
     TEST_ASSERT_TRUE(tick_clock_start(&c.clock, TICK_NS));
@@ -369,7 +380,73 @@ static void test_the_end_puts_the_bridge_off(void) {
     TEST_ASSERT_FALSE(*enable_output);
 }
 
-/* ---- opening and closing */
+/* ---- what is told */
+
+static char *told;
+static size_t told_size;
+
+static void listen(void) {
+    told_to = open_memstream(&told, &told_size);
+    TEST_ASSERT_NOT_NULL(told_to);
+}
+
+/* What was told since listen(); the text lives until the next one. */
+static const char *heard(void) {
+    static char copy[4096];
+    (void)fclose(told_to);
+    told_to = NULL;
+    (void)snprintf(copy, sizeof copy, "%s", told);
+    free(told);
+    return copy;
+}
+
+static void test_the_report_has_each_count_in_its_place(void) {
+    static const char begin[] =
+        "terrapin-controller: 1 steps; dropped: 2 bad CRC, 3 repeated, 4 malformed, 5 out of place, 6 unknown, 7 too "
+        "many to wait; e-stop 8 times, ";
+    char line[512];
+    c.steps = 1;
+    c.link.bad_crc = 2;
+    c.link.repeated = 3;
+    c.link.malformed = 4;
+    c.link.out_of_place = 5;
+    c.link.unknown = 6;
+    c.intake.lost = 7;
+    c.presses = 8;
+    c.motor.skipped = 4;
+    c.ground.skipped = 6;
+    listen();
+    report(&c);
+    const char *text = heard();
+    (void)snprintf(line, sizeof line, "%s0 timed from the edge; encoders skipped 10\n", begin);
+    TEST_ASSERT_NOT_NULL(strstr(text, line));
+    TEST_ASSERT_NOT_NULL(strstr(text, "terrapin-controller: 0 ticks by the clock, 0 missed; late by"));
+    c.timed = 9;
+    c.slowest_off_ns = 12001;
+    listen();
+    report(&c);
+    (void)snprintf(line, sizeof line, "%s9 timed from the edge, enable off within 13 us of it; encoders skipped 10\n",
+                   begin);
+    TEST_ASSERT_NOT_NULL(strstr(heard(), line));
+}
+
+static void test_a_start_without_a_flash_says_what_is_forgotten(void) {
+    static const char warning[] = "no --flash FILE: a restart forgets a STOP_ALL, parameters, node number";
+    for (int open = 0; open < 2; open++) {
+        c.estop = NULL;
+        c.flash_open = open == 1;
+        c.bus.name = "can7";
+        steps_until_the_end = steps + 1;
+        listen();
+        TEST_ASSERT_EQUAL(0, controller_run(&c));
+        const char *text = heard();
+        TEST_ASSERT_NOT_NULL(strstr(text, "terrapin-controller: ready on can7\n"));
+        TEST_ASSERT_EQUAL(open == 0, strstr(text, warning) != NULL);
+        TEST_ASSERT_NOT_NULL(strstr(text, "terrapin-controller: stopped by a signal, outputs off\n"));
+        TEST_ASSERT_NULL(strstr(text, "the system failed it"));
+    }
+    c.flash_open = false;
+}
 
 static void name_everything(void) {
     wanted.enable = (line_option){.given = true, .name = {.line = "E"}, .text = "E"};
@@ -383,6 +460,43 @@ static void name_everything(void) {
     wanted.supply = "2";
     wanted.temperature = "3";
     wanted.link_key = "K";
+}
+
+static void test_what_cannot_be_had_is_named(void) {
+    static const struct {
+        char letter;
+        const char *told;
+    } cases[] = {{'E', "line E: refused"},    {'P', "cannot open PWM channel P: "},
+                 {'D', "line D: refused"},    {'s', "line S: refused"},
+                 {'L', "line L: refused"},    {'M', "encoder M: refused"},
+                 {'G', "encoder G: refused"}, {'1', "cannot open 1: "},
+                 {'2', "cannot open 2: "},    {'3', "cannot open 3: "}};
+    name_everything();
+    for (size_t i = 0; i < (sizeof cases / sizeof cases[0]); i++) {
+        c.estop = NULL;
+        controller_close(&c);
+        refused = cases[i].letter;
+        listen();
+        TEST_ASSERT_FALSE(controller_open(&c, &wanted));
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(heard(), cases[i].told), cases[i].told);
+    }
+}
+
+/* ---- opening and closing */
+
+static void test_a_stop_that_was_kept_is_known_to_be(void) {
+    wanted.flash = "F";
+    for (int kept = 0; kept < 2; kept++) {
+        c.estop = NULL;
+        controller_close(&c);
+        stop_was_kept = kept == 1;
+        TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+        TEST_ASSERT_TRUE(c.flash_open);
+        TEST_ASSERT_EQUAL(kept == 1, c.stop_kept);
+        TEST_ASSERT_FALSE(c.driving || c.broken || c.estop_gone || c.backward);
+        TEST_ASSERT_TRUE(c.stopped);
+    }
+    stop_was_kept = false;
 }
 
 /* First what switches the bridge off, last what lets others switch it on; the e-stop is asked for its edges. */
@@ -489,11 +603,16 @@ int main(void) {
     RUN_TEST(test_a_line_that_is_gone_is_not_believed_again);
     RUN_TEST(test_only_an_edge_to_inactive_while_it_drives_is_timed);
     RUN_TEST(test_in_test_mode_the_bridge_is_off_and_the_clock_steps_no_more);
+    RUN_TEST(test_without_a_period_there_is_no_tick);
     RUN_TEST(test_ticks_that_were_missed_are_in_the_step_s_tick);
     RUN_TEST(test_the_step_senses_keeps_and_sends);
     RUN_TEST(test_what_the_led_says);
     RUN_TEST(test_signals);
     RUN_TEST(test_the_end_puts_the_bridge_off);
+    RUN_TEST(test_the_report_has_each_count_in_its_place);
+    RUN_TEST(test_a_start_without_a_flash_says_what_is_forgotten);
+    RUN_TEST(test_what_cannot_be_had_is_named);
+    RUN_TEST(test_a_stop_that_was_kept_is_known_to_be);
     RUN_TEST(test_the_order_in_which_things_are_had);
     RUN_TEST(test_closing_puts_off);
     RUN_TEST(test_the_command_line_says_which_program_it_is);

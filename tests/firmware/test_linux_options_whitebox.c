@@ -4,9 +4,17 @@
 
 #include "unity.h"
 
+#include <stdio.h>
+
 #include "../../firmware/ports/linux/gpio.c"
 #include "../../firmware/ports/linux/gpio_none.c"
 #undef option
+static FILE *said; /* where a test reads what is told */
+static FILE *its_stderr(void) {
+    return (said != NULL) ? said : stderr;
+}
+#undef stderr
+#define stderr its_stderr()
 #include "../../firmware/ports/linux/options.c"
 
 static controller_options o;
@@ -138,6 +146,41 @@ static void test_other_words(void) {
     TEST_ASSERT_EQUAL(OPTIONS_WRONG, reads("--can can0 --estop c:1,down"));
 }
 
+static void test_what_is_wrong_is_named_with_what_is_expected(void) {
+    static const struct {
+        const char *words, *told;
+    } cases[] = {
+        {"--off", "--off: needs --enable or --pwm"},
+        {"--can can0 --node=", "--node: found '', expected a number from 0 to 7"},
+        {"--can can0 --priority=", "--priority: found '', expected a number from 0 to 99"},
+        {"--can can0 --adc-bits 25", "--adc-bits: found '25', expected a number from 8 to 24"},
+        {"--can can0 --bitrate 9999", "--bitrate: found '9999', expected a number from 10000 to 1000000"},
+        {"--can can0 --bitrate 10001",
+         "--bitrate: expected one of 10000, 20000, 50000, 100000, 125000, 250000, 500000, 800000, 1000000"},
+        {"--can can0 --estop 17", "--estop: "},
+        {"--can can0 --ground-encoder c:5", "--ground-encoder: expected two lines, A+B"},
+        {"--can can0 --adapter x", "--can, --adapter: expected one of them (--help shows an example)"},
+        {"--can can0 --pwm x", "--enable, --pwm: need --estop: no bridge without an emergency stop"},
+        {"--can can0 --wheel", "--wheel: unknown option (see --help)"},
+        {"--can", "--can: needs a value"},
+        {"--can can0 more", "more: unexpected (see --help)"},
+    };
+    for (size_t i = 0; i < (sizeof cases / sizeof cases[0]); i++) {
+        char *text = NULL;
+        char wanted[200];
+        size_t size = 0;
+        said = open_memstream(&text, &size);
+        TEST_ASSERT_NOT_NULL(said);
+        TEST_ASSERT_EQUAL_MESSAGE(OPTIONS_WRONG, reads(cases[i].words), cases[i].words);
+        (void)fclose(said);
+        said = NULL;
+        (void)snprintf(wanted, sizeof wanted, "terrapin-controller: %s", cases[i].told);
+        TEST_ASSERT_EQUAL_STRING_LEN(wanted, text, strlen(wanted));
+        TEST_ASSERT_EQUAL_PTR_MESSAGE(&text[size - 1U], strchr(text, '\n'), "one line");
+        free(text);
+    }
+}
+
 static void test_names_of_lines(void) {
     char why[160];
     char text[200];
@@ -191,6 +234,7 @@ int main(void) {
     RUN_TEST(test_one_bus);
     RUN_TEST(test_numbers_have_both_their_ends);
     RUN_TEST(test_other_words);
+    RUN_TEST(test_what_is_wrong_is_named_with_what_is_expected);
     RUN_TEST(test_names_of_lines);
     RUN_TEST(test_without_libgpiod_nothing_is_had);
     return UNITY_END();

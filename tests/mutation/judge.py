@@ -160,7 +160,10 @@ class Bench:
                 order.remove(name)
                 order.insert(0, name)
                 return "killed", by
-        warns = source in self._commands and self._warns(source, mutant.text())
+        if source in self._commands:
+            warns = self._warns(source, mutant.text())
+        else:  # of the chip alone: as part of a test
+            warns = any(self._warns_in(name) for name in order if source in self._programs[name])
         return ("invalid", "warnings") if warns else ("survived", "")
 
     def _is_off(self, name: str) -> bool:
@@ -232,6 +235,15 @@ class Bench:
         copy = self._copy(source)
         copy.write_text(text, encoding="utf-8")
         words = [*self._commands[source][0], *STRICT, f"-I{(ROOT / source).parent}", "-c", str(copy), "-o", os.devnull]
+        return subprocess.run(words, cwd=BUILD, check=False, capture_output=True, timeout=WAITED).returncode != 0
+
+    def _warns_in(self, name: str) -> bool:
+        """The same of a test's program, as it was built last."""
+        source = source_of(self._commands, name)
+        where = [f"-I{(ROOT / source).parent}", f"-I{ROOT / 'firmware/link'}", f"-I{ROOT / 'firmware/boot'}"]
+        where += [f"-I{(ROOT / one).parent}" for one in self._programs[name]]
+        copy = str(self.folder / "src" / Path(source).name)
+        words = [*self._commands[source][0], *STRICT, *where, "-fsyntax-only", copy]
         return subprocess.run(words, cwd=BUILD, check=False, capture_output=True, timeout=WAITED).returncode != 0
 
     def _link(self, objects: dict[str, Path]) -> None:
