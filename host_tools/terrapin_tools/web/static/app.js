@@ -3,9 +3,9 @@
 // optional. `rest` is what follows the tab's name in the address: #workbench/heated_motor -> "heated_motor".
 
 import { stopEverywhere } from './live/everywhere.js';
-import { css, fixed, h, number, quantity, still, unit } from './plots/basics.js';
+import { css, fixed, h, number, quantity, still, told, unit } from './plots/basics.js';
 
-export { css, fixed, h, number, quantity, still, unit };
+export { css, fixed, h, number, quantity, still, told, unit };
 
 const TABS = [
   { name: 'workbench', title: 'Workbench' },

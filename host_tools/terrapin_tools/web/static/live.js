@@ -1,6 +1,6 @@
 // The Live tab: one source that the server watches; every browser sees the same. Pause, filter and the choice of signals
 // are this browser's own.
-import { h, lineOf } from './app.js';
+import { h, lineOf, told } from './app.js';
 import { Bus, Nodes } from './live/bus.js';
 import { Drive } from './live/drive.js';
 import { Events, Faults } from './live/events.js';
@@ -178,7 +178,7 @@ class Live {
   count(now) {
     const { telemetry, strip } = this;
     const text = `${telemetry.frames.toLocaleString('en')} frames in pictures, ${(telemetry.missed).toLocaleString('en')} missed by this page, ${now.lost} lost before the log; ${strip.rate.toFixed(0)} redraws/s`;
-    if (this.counts.textContent !== text) this.counts.textContent = text;
+    told(this.counts, text);
     Object.assign(this.element.dataset, { frames: telemetry.frames, total: now.total, missed: telemetry.missed, lost: now.lost, redraws: strip.redraws, rate: strip.rate.toFixed(1), state: now.state, skipped: telemetry.skipped });
   }
 
@@ -201,7 +201,7 @@ class Live {
   /** @param {number | null} time */
   cursorMoved(time) {
     const text = time === null ? '' : `cursor at ${(time - this.strip.zero).toFixed(3)} s`;
-    if (this.cursorSaid.textContent !== text) this.cursorSaid.textContent = text;
+    told(this.cursorSaid, text);
     this.rolling.draw(this.strip.until, time);
   }
 

@@ -45,8 +45,8 @@ export class Robot {
   draw() {
     const width = this.host.clientWidth, height = this.host.clientHeight, ratio = devicePixelRatio || 1;
     if (!width || !height) return;
-    this.canvas.width = Math.round(width * ratio);
-    this.canvas.height = Math.round(height * ratio);
+    const wide = Math.round(width * ratio), tall = Math.round(height * ratio);
+    if (this.canvas.width !== wide || this.canvas.height !== tall) { this.canvas.width = wide; this.canvas.height = tall; } // each time is a canvas anew
     const pen = /** @type {Pen} */ (this.canvas.getContext('2d'));
     pen.setTransform(ratio, 0, 0, ratio, 0, 0);
     pen.fillStyle = css('--bg');

@@ -43,14 +43,29 @@ export class Ring {
   }
 }
 
+/** Objects that are used again: eight strips at 30 redraws a second would throw away 40 MB a second. @template T */
+class Again {
+  /** @param {() => T} make */
+  constructor(make) {
+    this.make = make;
+    /** @type {T[]} */
+    this.used = [];
+    /** @type {T[]} */
+    this.spare = [];
+  }
+  clear() { for (let one = this.used.pop(); one; one = this.used.pop()) this.spare.push(one); }
+  take() { const one = this.spare.pop() ?? this.make(); this.used.push(one); return one; }
+}
+const newColumns = () => new Again(() => ({ x: 0, first: 0.5, low: 0.5, high: 0.5, last: 0.5 }));
+const newBars = () => new Again(() => ({ x: 0, wide: 0, low: 0.5, high: 0.5 }));
+
 /**
  * A column of pixels for each stretch of time from begin to end: [first, lowest, highest, last] of the points in it.
- * Columns without a point are left out. Exported for its test.
- * @param {Ring} ring @param {number} begin @param {number} end @param {number} width
+ * Columns without a point are left out. They hold until `made` is used again. Exported for its test.
+ * @param {Ring} ring @param {number} begin @param {number} end @param {number} width @param {Again<Column>} made
  */
-export function columns(ring, begin, end, width) {
-  /** @type {Column[]} */
-  const found = [];
+export function columns(ring, begin, end, width, made = newColumns()) {
+  made.clear();
   const scale = width / (end - begin);
   /** @type {Column | null} */
   let column = null;
@@ -63,44 +78,40 @@ export function columns(ring, begin, end, width) {
       if (value < column.low) column.low = value;
       if (value > column.high) column.high = value;
       column.last = value;
-    } else found.push(column = { x, first: value, low: value, high: value, last: value });
+    } else { column = made.take(); column.x = x; column.first = column.low = column.high = column.last = value; }
   }
-  return found;
+  return made.used;
 }
 
 /**
  * The line through columns as bars, at most one a column of pixels: { x, wide, low, high }. Between columns it is straight,
  * or with `steps` keeps its value up to the next. Bars cost a twentieth of what a stroked path of so many corners does,
- * where the processor draws. Exported for its test.
- * @param {Column[]} found @param {boolean} steps
+ * where the processor draws. They hold until `made` is used again. Exported for its test.
+ * @param {Column[]} found @param {boolean} steps @param {Again<Bar>} made
  */
-export function bars(found, steps) {
-  /** @type {Bar[]} */
-  const made = [];
-  /** @type {Bar | null} */
-  let bar = null;
-  /** @param {number} x @param {number} low @param {number} high */
-  const put = (x, low, high, wide = 1) => {
-    if (bar && bar.low === low && bar.high === high && bar.x + bar.wide === x) bar.wide += wide;
-    else made.push(bar = { x, wide, low, high });
-  };
+export function bars(found, steps, made = newBars()) {
+  made.clear();
   for (let i = 0; i < found.length; i++) {
     const c = found[i], before = found[i - 1], after = found[i + 1];
-    let { low, high } = c;
-    /** @param {number} value */
-    const reach = (value) => { if (value < low) low = value; if (value > high) high = value; };
-    if (before) reach(steps ? before.last : c.first + (before.last - c.first) / (c.x - before.x) / 2);
-    const gap = after ? after.x - c.x : 0, step = after && !steps ? (after.first - c.last) / gap : 0;
-    if (after) reach(c.last + step / 2);
-    if (c.x >= 0) put(c.x, low, high);
+    const begin = !before ? c.first : steps ? before.last : c.first + (before.last - c.first) / (c.x - before.x) / 2;
+    const gap = after ? after.x - c.x : 0, step = after && !steps ? (after.first - c.last) / gap : 0, end = c.last + step / 2;
+    if (c.x >= 0) bar(made, c.x, Math.min(c.low, begin, end), Math.max(c.high, begin, end), 1);
     const seen = Math.max(1, -c.x); // the first point may lie far to the left
-    if (steps && gap > seen) put(c.x + seen, c.last, c.last, gap - seen);
+    if (steps && gap > seen) bar(made, c.x + seen, c.last, c.last, gap - seen);
     else for (let k = seen; k < gap; k++) {
       const a = c.last + step * (k - 0.5), b = c.last + step * (k + 0.5);
-      put(c.x + k, Math.min(a, b), Math.max(a, b));
+      bar(made, c.x + k, Math.min(a, b), Math.max(a, b), 1);
     }
   }
-  return made;
+  return made.used;
+}
+
+/** One bar more, or the last one longer. @param {Again<Bar>} made @param {number} x @param {number} low @param {number} high @param {number} wide */
+function bar(made, x, low, high, wide) {
+  const last = made.used[made.used.length - 1];
+  if (last && last.low === low && last.high === high && last.x + last.wide === x) { last.wide += wide; return; }
+  const next = made.take();
+  next.x = x; next.wide = wide; next.low = low; next.high = high;
 }
 
 /** strip.lanes = [{ name, unit, words, colour, ring }]; strip.events = [{ time, kind, text }]; strip.end: latest time. */
@@ -114,6 +125,7 @@ export class Strip {
     /** @type {Mark[]} */
     this.events = [];
     this.seconds = 15; this.end = 0;
+    this.made = { found: newColumns(), truth: newColumns(), other: newColumns(), bars: newBars() };
     /** @type {number | null} */
     this.paused = null; // the time at which the picture stands
     /** @type {number | null} */
@@ -262,13 +274,13 @@ export class Strip {
    * @param {Record<string, string>} colours
    */
   lane(pen, lane, top, height, begin, end, colours) {
-    const found = columns(lane.ring, begin, end, Math.round(this.wide * this.ratio));
+    const { made } = this, pixels = Math.round(this.wide * this.ratio);
+    const found = columns(lane.ring, begin, end, pixels, made.found);
     const base = top + height - GAP, room = height - TITLE - GAP;
     let low = Infinity, high = -Infinity;
-    for (const c of found) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
-    const truth = lane.truth ? columns(lane.truth, begin, end, Math.round(this.wide * this.ratio)) : [];
-    const other = lane.other ? columns(lane.other, begin, end, Math.round(this.wide * this.ratio)) : [];
-    for (const c of [...truth, ...other]) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
+    const truth = lane.truth ? columns(lane.truth, begin, end, pixels, made.truth) : [];
+    const other = lane.other ? columns(lane.other, begin, end, pixels, made.other) : [];
+    for (const part of [found, truth, other]) for (const c of part) { if (c.low < low) low = c.low; if (c.high > high) high = c.high; }
     if (low > high) { low = 0; high = 1; }
     if (lane.words) { low = Math.min(low, 0); high = Math.max(high, low + 1); }
     const pad = (high - low) * 0.06 || Math.abs(high) * 0.05 || 1;
@@ -288,7 +300,7 @@ export class Strip {
       pen.fillText(lane.words ? (lane.words[tick] ?? number(tick)).slice(0, 10) : number(tick), LEFT - 6, y(tick));
     }
     pen.fillStyle = colours[lane.colour];
-    const drawn = bars(found, Boolean(lane.words));
+    const drawn = bars(found, Boolean(lane.words), made.bars);
     if (lane.sd) { // two standard deviations on either side
       pen.globalAlpha = 0.2;
       for (const bar of drawn) {
@@ -306,7 +318,7 @@ export class Strip {
     const over = [[other, '--mute'], [truth, '--ink']];
     for (const [one, colour] of over) {
       pen.fillStyle = colours[colour];
-      for (const bar of bars(one, Boolean(lane.words))) pen.fillRect(this.left + bar.x / this.ratio, y(bar.high) - THICK / 2, bar.wide / this.ratio, y(bar.low) - y(bar.high) + THICK);
+      for (const bar of bars(one, Boolean(lane.words), made.bars)) pen.fillRect(this.left + bar.x / this.ratio, y(bar.high) - THICK / 2, bar.wide / this.ratio, y(bar.low) - y(bar.high) + THICK);
     }
     const shown = lane.ring.at(this.cursor ?? end);
     const truly = lane.truth?.at(this.cursor ?? end);

@@ -1,6 +1,6 @@
 // Load and health of the bus; and all controllers on it, when there are several: how each stands, and a button to watch
 // another one.
-import { h } from '../app.js';
+import { h, told } from '../app.js';
 
 /** @type {['MOTION.slip' | 'GROUND.torque' | 'ELECTRICAL.current', string, number][]} */
 const COLUMNS = [['MOTION.slip', 'slip', 2], ['GROUND.torque', 'C_t, N m', 3], ['ELECTRICAL.current', 'current, A', 2]];
@@ -9,16 +9,16 @@ export class Bus {
   constructor() {
     this.load = h('progress', { class: 'bar', max: '1', value: 0, 'aria-label': 'Load of the bus' });
     this.health = h('div', { class: 'health' });
-    this.said = '';
     this.element = h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Bus' })), this.load, this.health);
   }
 
-  clear() { this.health.replaceChildren(); this.said = ''; }
+  clear() { this.health.replaceChildren(); }
 
   /** @param {Status} now */
   draw(now) {
     this.load.value = Math.min(1, now.load);
-    const line = (/** @type {string} */ text, kind = '') => h('p', { class: `small ${kind}`, text });
+    /** @type {(text: string, kind?: string) => [string, string]} */
+    const line = (text, kind = '') => [text, `small ${kind}`];
     const worst = Object.keys(now.errors).length > 0 || now.silent || now.fit;
     const parts = [
       line(`load ${(100 * now.load).toFixed(0)} %, ${now.rate.toFixed(0)} frames/s, ${now.total.toLocaleString('en')} frames`),
@@ -26,8 +26,12 @@ export class Bus {
       line(`bus off ${now.bus_off} times; error counters ${now.counters ? `sending ${now.counters[0]}, receiving ${now.counters[1]}` : 'not told by this bus'}`),
       ...(now.damaged ? [line(`${now.damaged} damaged lines`, 'bad')] : []),
       ...(now.unknown.length ? [line(`unknown: ${now.unknown.slice(0, 6).map(([id, n]) => `${id} (${n})`).join(', ')}`, 'warn')] : [])];
-    const said = parts.map((p) => p.className + p.textContent).join('\n');
-    if (said !== this.said) { this.said = said; this.health.replaceChildren(...parts); }
+    while (this.health.children.length > parts.length) this.health.lastChild?.remove();
+    parts.forEach(([text, kind], place) => {
+      const p = this.health.children[place] ?? this.health.appendChild(h('p'));
+      p.className = kind;
+      told(p, text);
+    });
   }
 }
 
@@ -50,7 +54,7 @@ export class Nodes {
     if (now.nodes.map((line) => line.node).join() !== [...this.rows.keys()].join()) this.list(now.nodes);
     for (const line of now.nodes) {
       const texts = [line.said || '-', ...COLUMNS.map(([name, , digits]) => line[name]?.toFixed(digits) ?? '-')];
-      this.rows.get(line.node)?.cells.forEach((cell, place) => { if (cell.textContent !== texts[place]) cell.textContent = texts[place]; });
+      this.rows.get(line.node)?.cells.forEach((cell, place) => { told(cell, texts[place]); });
     }
   }
 

@@ -1,5 +1,5 @@
 // The calibration on the hard floor, led step by step: what to do first, how far it is, what it found.
-import { fixed, h } from '../app.js';
+import { fixed, h, told } from '../app.js';
 
 /** @typedef {import('./telemetry.js').Telemetry} Telemetry */
 
@@ -25,7 +25,7 @@ export class Calibration {
   leave() { if (!this.ended) this.element.hidden = true; }
 
   /** @param {number} place @param {string} text */
-  told(place, text) { if (this.steps[place].textContent !== text) this.steps[place].textContent = text; }
+  told(place, text) { told(this.steps[place], text); }
 
   /** The step that is under way. @param {number} place */
   mark(place) { this.steps.forEach((step, i) => { step.className = i < place ? 'good' : i > place ? 'soft' : ''; if (i === place) step.setAttribute('aria-current', 'step'); else step.removeAttribute('aria-current'); }); }

@@ -1,6 +1,6 @@
 // The panel that drives the robot that is watched. Armed by a dialog; commands go out only while this page's heart beats,
 // so a page that is closed, hidden or cut off drives nothing. While armed, space stops wherever the focus is.
-import { h, unit } from '../app.js';
+import { h, told, unit } from '../app.js';
 import { Calibration } from './calibration.js';
 
 const BEAT_MS = 100; // the server lets go 400 ms after the last one
@@ -137,7 +137,7 @@ export class Drive {
     const text = !this.can ? '' : other ? 'Another page drives. Stop works here all the same.' : now.stop_held ? 'Stopped. Release the stop, then arm again.'
       : this.mine && now.faults.length ? `Nothing moves while a fault is set: ${now.faults.map((f) => f.name).join(', ')}. Mend its cause, then Clear faults.`
       : this.mine && drive ? `${drive.leaving ? 'halting' : drive.request} ${drive.setpoint.toFixed(2)}${unit(drive.control === 'voltage' ? 'V' : 'm/s')}; ${drive.sent} commands sent. Space stops.` : '';
-    if (this.said.textContent !== text) this.said.textContent = text;
+    told(this.said, text);
     this.led.draw(this.desk.telemetry, this.desk.parameters.known.find((p) => p.name === 'calibrate_steps')?.value);
     this.element.classList.toggle('armed', this.mine);
   }

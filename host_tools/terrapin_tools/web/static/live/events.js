@@ -1,5 +1,5 @@
 // What happened, newest first; and the faults that are set: each with its cause, what the controller did, and what ends it.
-import { h } from '../app.js';
+import { h, told } from '../app.js';
 
 const LISTED_EVERY = 250; // ms between looks
 const KEPT = 500, LISTED = 100; // that are drawn, that are listed
@@ -33,8 +33,15 @@ export class Events {
     if (!rows.length) return;
     this.listed = performance.now();
     this.newest = rows[0].number;
-    for (let more = this.log.children.length + rows.length - LISTED; more > 0 && this.log.lastChild; more--) this.log.lastChild.remove();
-    this.log.prepend(...rows.map((event) => h('li', { class: `event ${event.kind}` }, h('span', { class: 'soft n', text: event.time === null ? '–' : `${(event.time - zero).toFixed(2)} s` }), h('b', { text: event.kind }), h('span', { text: event.text }))));
+    for (const event of rows.reverse()) this.log.prepend(this.row(event, zero));
+  }
+
+  /** A line for an event: the oldest one, written anew, where the list is full. @param {Mark} event @param {number} zero */
+  row(event, zero) {
+    const row = this.log.children.length < LISTED ? h('li', {}, h('span', { class: 'soft n' }), h('b'), h('span')) : /** @type {HTMLElement} */ (this.log.lastChild);
+    row.className = `event ${event.kind}`;
+    [event.time === null ? '–' : `${(event.time - zero).toFixed(2)} s`, event.kind, event.text].forEach((text, place) => told(row.children[place], text));
+    return row;
   }
 }
 

@@ -1,5 +1,5 @@
 // The panel that records what is watched into the workspace's folder logs.
-import { h } from '../app.js';
+import { h, told } from '../app.js';
 
 const size = (/** @type {number} */ b) => (b < 1e6 ? `${(b / 1e3).toFixed(0)} kB` : `${(b / 1e6).toFixed(1)} MB`);
 
@@ -32,13 +32,13 @@ export class Recorder {
   draw(now) {
     const { recording, last_log: done } = now;
     this.on = Boolean(recording);
-    this.button.textContent = recording ? 'End the log' : 'Record';
+    told(this.button, recording ? 'End the log' : 'Record');
     this.button.setAttribute('aria-pressed', String(this.on));
     this.button.classList.toggle('recording', this.on);
     this.button.disabled = !recording && now.state !== 'live';
     this.name.disabled = this.kind.disabled = this.on;
-    this.said.textContent = recording ? `${recording.name}: ${recording.frames.toLocaleString('en')} frames, ${size(recording.bytes)}, ${recording.seconds.toFixed(0)} s`
-      : done ? `${done.name} holds ${done.frames.toLocaleString('en')} frames, ${size(done.bytes)}; it is among the sources now.` : 'Into the workspace’s folder logs. A crash costs the last half second at most.';
+    told(this.said, recording ? `${recording.name}: ${recording.frames.toLocaleString('en')} frames, ${size(recording.bytes)}, ${recording.seconds.toFixed(0)} s`
+      : done ? `${done.name} holds ${done.frames.toLocaleString('en')} frames, ${size(done.bytes)}; it is among the sources now.` : 'Into the workspace’s folder logs. A crash costs the last half second at most.');
   }
 
   async toggle() {

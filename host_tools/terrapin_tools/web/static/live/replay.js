@@ -1,5 +1,5 @@
 // Where in a log the replay is: a slider to seek, its speed, and whether it begins anew at its end.
-import { h } from '../app.js';
+import { h, told } from '../app.js';
 
 export class Replay {
   /** @param {LiveDesk} desk */
@@ -35,6 +35,6 @@ export class Replay {
     if (document.activeElement !== this.speed) this.speed.value = String(replay.speed);
     this.loop.checked = replay.loop;
     const text = `${replay.position.toFixed(1)} of ${replay.length === null ? '…' : replay.length.toFixed(1)} s`;
-    if (this.said.textContent !== text) this.said.textContent = text;
+    told(this.said, text);
   }
 }

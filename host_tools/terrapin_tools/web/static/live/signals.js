@@ -1,5 +1,5 @@
 // The table of all signals: their values, a filter, and which are drawn.
-import { h, number } from '../app.js';
+import { h, number, told } from '../app.js';
 
 /** @typedef {import('./telemetry.js').Telemetry} Telemetry */
 
@@ -50,7 +50,7 @@ export class Signals {
     this.drawn = performance.now();
     for (const [cell, { name }] of this.cells) {
       const text = this.telemetry.word(name) ?? number(this.telemetry.value(name), 6);
-      if (cell.textContent !== text) cell.textContent = text;
+      told(cell, text);
     }
   }
 

@@ -1,5 +1,5 @@
 // The bar that says what is watched: a bus, a log or the simulator, with the options of each.
-import { h } from '../app.js';
+import { h, told } from '../app.js';
 
 export class Source {
   /** @param {LiveDesk} desk */
@@ -125,7 +125,7 @@ export class Source {
   /** How what is watched stands; null: nothing is. @param {Status | null} now */
   draw(now) {
     const plays = this.kind === 'log' ? 'replay' : 'live';
-    this.chip.textContent = now ? { live: now.silent ? 'silent' : plays, over: this.kind === 'log' ? 'replay, at its end' : 'over', gone: 'gone' }[now.state] : 'nothing is watched';
+    told(this.chip, now ? { live: now.silent ? 'silent' : plays, over: this.kind === 'log' ? 'replay, at its end' : 'over', gone: 'gone' }[now.state] : 'nothing is watched');
     this.chip.className = now ? `chip small ${now.state === 'gone' ? 'missing' : now.silent || now.state === 'over' || this.kind === 'log' ? 'ambiguous' : 'adequate'}` : 'chip small';
   }
 }

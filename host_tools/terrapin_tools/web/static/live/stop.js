@@ -1,5 +1,5 @@
 // The button that stops the robot, and lets it go again.
-import { h } from '../app.js';
+import { h, told } from '../app.js';
 
 const STOP_MS = 1000; // after the button has become “release”, in which it does not
 const WORDS = {
@@ -32,7 +32,7 @@ export class Stop {
     this.held = now.stop_held;
     if (now.stop_held && this.button.getAttribute('aria-pressed') !== 'true') this.heldSince = performance.now();
     this.button.setAttribute('aria-pressed', String(now.stop_held));
-    this.button.textContent = now.stop_held ? 'Stopped: clear' : 'Stop the robot';
+    told(this.button, now.stop_held ? 'Stopped: clear' : 'Stop the robot');
     this.button.disabled = !this.there || now.state !== 'live';
   }
 

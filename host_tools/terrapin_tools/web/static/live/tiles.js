@@ -1,5 +1,5 @@
 // Tiles with what matters most of a robot, or the count of frames of another bus.
-import { fixed, h, number, quantity } from '../app.js';
+import { fixed, h, number, quantity, told } from '../app.js';
 
 /** @typedef {import('./telemetry.js').Telemetry} Telemetry */
 
@@ -20,9 +20,9 @@ export class Tiles {
       this.parts.set(title, part);
       this.element.append(h('div', { class: 'tile', 'data-tile': title }, h('dt', { text: title }), part.dd, h('dd', { class: 'hint-line' }, part.hint)));
     }
-    if (part.dd.textContent !== text) part.dd.textContent = text;
+    told(part.dd, text);
     if (part.dd.className !== kind) part.dd.className = kind;
-    if (part.hint.textContent !== hint) part.hint.textContent = hint;
+    told(part.hint, hint);
   }
 
   /** @param {Telemetry} telemetry @param {Status} now */

@@ -59,3 +59,9 @@ export const unit = (text) => (text && text !== '1' ? ` ${text}` : '');
 /** A colour of the style sheet. @param {string} name */
 export const css = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 export const still = () => matchMedia('(prefers-reduced-motion: reduce)').matches;
+
+/** Have an element say a text, in the text node that it has: what is told many times a second makes nothing anew. @param {Element} element @param {string} text */
+export function told(element, text) {
+  const { firstChild } = element;
+  if (!(firstChild instanceof Text) || firstChild.nextSibling || !text) { if (element.textContent !== text) element.textContent = text; } else if (firstChild.data !== text) firstChild.data = text;
+}
