@@ -28,13 +28,13 @@ from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import calibration, two_channels
 
-LEVEL = np.random.default_rng(4).uniform(0.5, 3.0, (2, 338))  # what a model predicts, on two channels
+LEVEL = np.random.default_rng(4).uniform(0.5, 3.0, (2, 98))  # what a model predicts, on two channels
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 
 
 def scattered() -> Runs:
-    """Two channels, runs of 12, 7, 1, 300 and a few rows, their rows mixed."""
-    run = np.random.default_rng(0).permutation(np.repeat([2, 0, 1, 3, 7, 6, 4, 5], [12, 7, 1, 300, 2, 3, 5, 8]))
+    """Two channels, runs of 12, 7, 1, 60 and a few rows, their rows mixed."""
+    run = np.random.default_rng(0).permutation(np.repeat([2, 0, 1, 3, 7, 6, 4, 5], [12, 7, 1, 60, 2, 3, 5, 8]))
     return Runs(run, 2, LEVEL)
 
 
