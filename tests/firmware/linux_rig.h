@@ -62,6 +62,14 @@ static char told_systemd[64];
 static options_result read_as = OPTIONS_DONE;
 static controller_options read_options;
 
+static const void *closed[32]; /* in the order in which it was */
+static int closed_count;
+
+static void note_closed(const void *what) {
+    closed[closed_count % 32] = what;
+    closed_count++;
+}
+
 static void note_output(char what) {
     const size_t length = strlen(outputs_set);
     if (length < (sizeof outputs_set - 1U)) {
@@ -112,10 +120,11 @@ int gpio_edges(gpio_line *line, gpio_edge *edges, int most) {
     return line->gone ? -1 : 0;
 }
 void gpio_close(gpio_line *line) {
-    (void)line;
+    note_closed(line);
 }
 bool analog_open(analog_input *input, const char *path, unsigned int bits) {
-    (void)input, (void)bits;
+    (void)input;
+    TEST_ASSERT_EQUAL(read_options.adc_bits, bits);
     return (path == NULL) || open_of(path[0]);
 }
 uint16_t analog_read(const analog_input *input) {
@@ -123,7 +132,7 @@ uint16_t analog_read(const analog_input *input) {
     return 2048;
 }
 void analog_close(analog_input *input) {
-    (void)input;
+    note_closed(input);
 }
 bool quadrature_open(quadrature *encoder, const gpio_name names[2], char *why, size_t size) {
     (void)encoder;
@@ -134,7 +143,7 @@ void quadrature_update(quadrature *encoder) {
     (void)encoder;
 }
 void quadrature_close(quadrature *encoder) {
-    (void)encoder;
+    note_closed(encoder);
 }
 bool pwm_open(pwm_output *pwm, const char *folder) {
     (void)pwm;
@@ -146,7 +155,7 @@ bool pwm_set(pwm_output *pwm, int16_t duty_q15) {
     return (duty_q15 == 0) ? !zero_refuses : !pwm_refuses;
 }
 void pwm_close(pwm_output *pwm) {
-    (void)pwm;
+    note_closed(pwm);
 }
 const bus_kind bus_socketcan = {0};
 const bus_kind bus_adapter = {0};
@@ -182,7 +191,7 @@ void bus_send(bus *b, const terrapin_frame *frames, uint8_t count) {
     frames_sent += count;
 }
 void bus_close(bus *b) {
-    (void)b;
+    note_closed(b);
 }
 void bus_report(const bus *b, FILE *to) {
     (void)b, (void)to;
@@ -274,7 +283,7 @@ void terrapin_node_init(terrapin_node *node, uint8_t number) {
     (void)node, (void)number;
 }
 void terrapin_flash_file_close(terrapin_flash_file *file) {
-    (void)file;
+    note_closed(file);
 }
 int terrapin_process(int argc, char **argv) {
     (void)argv;

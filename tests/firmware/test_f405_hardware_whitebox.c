@@ -59,6 +59,11 @@ static reg32 demcr, dbgmcu;
 #define DBGMCU_CR      dbgmcu
 #define TERRAPIN_BOARD "terrapin_board.h"
 
+#include "boards/selected.h"
+#undef BOARD_IMU
+static bool has_imu; /* the robot's board has none; others have */
+#define BOARD_IMU has_imu
+
 #include "../../firmware/ports/stm32f405/bridge.c"
 #include "../../firmware/ports/stm32f405/pins.c"
 #include "../../firmware/ports/stm32f405/hardware.c"
@@ -132,17 +137,22 @@ void terrapin_records_read(const terrapin_flash *flash, terrapin_record *record)
     TEST_ASSERT_EQUAL_PTR(&boot_flash, flash);
     record->node = 5U;
 }
+static uint32_t imu_opened, spi_opened;
+static bool imu_good;
 void imu_bus_open(void) {
-    TEST_FAIL_MESSAGE("this board has none");
+    TEST_ASSERT_TRUE_MESSAGE(has_imu, "this board has none");
+    imu_opened++;
 }
 void spi_open(spi_registers *spi) {
-    (void)spi;
-    TEST_FAIL_MESSAGE("this board has none");
+    TEST_ASSERT_TRUE_MESSAGE(has_imu, "this board has none");
+    TEST_ASSERT_EQUAL_PTR(&spi1, spi);
+    spi_opened++;
 }
-bool swing_sense(swing *s, terrapin_inputs *inputs) {
-    (void)s, (void)inputs;
-    TEST_FAIL_MESSAGE("this board has none");
-    return false;
+static terrapin_inputs inputs;
+bool swing_sense(swing *s, terrapin_inputs *of) {
+    TEST_ASSERT_TRUE_MESSAGE(has_imu, "this board has none");
+    TEST_ASSERT_TRUE((s == &pendulum) && (of == &inputs));
+    return imu_good;
 }
 const uint32_t *link_key(const uint32_t words[LINK_KEY_WORDS], uint32_t *generation) {
     TEST_ASSERT_EQUAL_PTR((const uint32_t *)0x08003FC0U, words); /* the last 64 bytes of sector 0 */
@@ -221,7 +231,6 @@ bool usart_flush(usart *u, uint32_t tries) {
 static const clocks speed = {
     .result = CLOCK_GOOD, .core_hz = 168000000U, .apb1_hz = 42000000U, .apb2_hz = 84000000U, .tim_hz = 168000000U};
 static hardware_facts facts;
-static terrapin_inputs inputs;
 
 void setUp(void) {
     memset(ports, 0, sizeof ports);
@@ -318,6 +327,20 @@ static void test_what_is_sensed(void) {
     pwr.CSR = ~PWR_CSR_PVDO;
     hardware_sense(&facts, &inputs);
     TEST_ASSERT_FALSE(facts.brown_out);
+}
+
+static void test_a_board_with_an_imu_senses_it_and_says_when_it_is_absent(void) {
+    has_imu = true;
+    hardware_open(&speed);
+    TEST_ASSERT_EQUAL_UINT32(1U, imu_opened);
+    TEST_ASSERT_EQUAL_UINT32(1U, spi_opened);
+    for (int good = 0; good < 2; good++) {
+        imu_good = good == 1;
+        hardware_sense(&facts, &inputs);
+        TEST_ASSERT_EQUAL(good == 0, facts.imu_absent);
+        TEST_ASSERT_FALSE(facts.no_ground_wheel || facts.adc_silent || facts.brown_out || facts.bridge_break);
+    }
+    has_imu = false;
 }
 
 static void runs_from(uint32_t offset) {
@@ -469,6 +492,7 @@ int main(void) {
     RUN_TEST(test_the_bridge_and_its_enable_line_go_together);
     RUN_TEST(test_a_fault_s_handler_puts_both_off);
     RUN_TEST(test_what_is_sensed);
+    RUN_TEST(test_a_board_with_an_imu_senses_it_and_says_when_it_is_absent);
     RUN_TEST(test_the_slot_is_known_by_where_the_vectors_stand);
     RUN_TEST(test_what_is_known_at_the_start);
     RUN_TEST(test_the_watchdog_s_time);

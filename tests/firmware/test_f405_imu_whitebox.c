@@ -354,6 +354,16 @@ static void test_a_chip_that_says_the_same_for_ever_is_none(void) {
     TEST_ASSERT_EQUAL_UINT32(2U, chip.resets);
 }
 
+/* Also by itself: what it says the last time is what it said before. */
+static void test_the_sample_that_proves_it_stuck_is_not_fresh(void) {
+    ticks(400U);
+    chip.frozen = true;
+    for (uint32_t i = 1U; i <= IMU_STUCK_TICKS; i++) {
+        chip.tick++;
+        TEST_ASSERT_EQUAL(i < IMU_STUCK_TICKS, imu_tick(&body.chip));
+    }
+}
+
 static void test_a_chip_that_lost_its_power_is_set_up_again(void) {
     ticks(400U);
     chip_reset(); /* its supply dipped: the registers are as after power-on */
@@ -452,6 +462,7 @@ int main(void) {
     RUN_TEST(test_a_sample_that_is_lost_costs_that_tick_alone);
     RUN_TEST(test_settings_that_do_not_hold_are_seen);
     RUN_TEST(test_a_chip_that_says_the_same_for_ever_is_none);
+    RUN_TEST(test_the_sample_that_proves_it_stuck_is_not_fresh);
     RUN_TEST(test_a_chip_that_lost_its_power_is_set_up_again);
     RUN_TEST(test_every_way_to_mount_it);
     RUN_TEST(test_far_from_the_vertical_when_it_starts);

@@ -952,6 +952,11 @@ static void test_usart(void) {
     TEST_ASSERT_EQUAL_UINT32('y', serial.DR);
     TEST_ASSERT_EQUAL_UINT32(0U, serial.CR1 & USART_CR1_TXEIE);
     TEST_ASSERT_FALSE(usart_flush(&u, 10U)); /* never complete */
+    serial.SR = 0U;                          /* nor ever empty */
+    TEST_ASSERT_TRUE(usart_send(&u, (const uint8_t *)"xy", 2U));
+    TEST_ASSERT_FALSE(usart_flush(&u, 10U));
+    TEST_ASSERT_EQUAL_UINT32(2U, ring_used(&u.out));
+    TEST_ASSERT_TRUE(ring_take(&u.out, &byte) && ring_take(&u.out, &byte));
     serial.SR = USART_SR_TXE | USART_SR_TC;
     TEST_ASSERT_TRUE(usart_flush(&u, 10U));
 }

@@ -700,6 +700,41 @@ static void test_tells_what_it_dropped_and_how_long_it_takes(void) {
     TEST_ASSERT_EQUAL_MEMORY(&expected, &times, sizeof times);
 }
 
+static bool *const facts[] = {&controller.hardware.clock_fallback,  &controller.hardware.adc_silent,
+                              &controller.hardware.watchdog_absent, &controller.hardware.bridge_break,
+                              &controller.hardware.brown_out,       &controller.hardware.brown_out_unset,
+                              &controller.hardware.imu_absent};
+
+static void test_each_fact_of_the_chip_is_told_in_its_place(void) {
+    for (size_t i = 0U; i < (sizeof facts / sizeof facts[0]); i++) {
+        terrapin_frame frame = {0};
+        terrapin_port_status_t status;
+        setUp();
+        *facts[i] = true;
+        TEST_ASSERT_TRUE(told(TERRAPIN_ID_PORT_STATUS, &frame, 101U));
+        TEST_ASSERT_TRUE(terrapin_decode_port_status(&frame, &status));
+        const int32_t found[] = {status.clock_fallback, status.adc_silent, status.watchdog_absent,
+                                 status.bridge_break,   status.brown_out,  status.brown_out_unset,
+                                 status.imu_absent};
+        for (size_t k = 0U; k < (sizeof found / sizeof found[0]); k++) {
+            TEST_ASSERT_EQUAL_INT32((k == i) ? 1 : 0, found[k]);
+        }
+        TEST_ASSERT_EQUAL_INT32(0, status.can_absent | status.can_bus_off | status.can_passive |
+                                       status.can_no_acknowledge | status.receive_overflow | status.send_overflow |
+                                       status.watchdog_reset | status.overrun | status.limiter_refused);
+    }
+}
+
+static void wait_in_line(uint32_t count) {
+    for (uint32_t i = 0U; i < count; i++) {
+        const terrapin_parameter_read_t message = {.index = (int32_t)i};
+        terrapin_frame frame = {0};
+        TEST_ASSERT_TRUE(terrapin_encode_parameter_read(&message, &frame));
+        terrapin_intake_put(&controller.intake, &controller.link, state, &controller.inputs, &frame, 0U);
+    }
+    TEST_ASSERT_EQUAL_UINT32(count, controller.intake.count);
+}
+
 /* Sense and send are timed by two looks each, and the step by those that it takes itself. */
 static void test_each_phase_is_timed_as_its_own(void) {
     (void)port_pass(&controller, controller.tick + 1U);
@@ -713,6 +748,55 @@ static void test_each_phase_is_timed_as_its_own(void) {
     TEST_ASSERT_EQUAL_UINT32(1000U, controller.times.longest[PHASE_STEP]);
     TEST_ASSERT_EQUAL_UINT32(1000U, controller.times.longest[PHASE_SEND]);
     TEST_ASSERT_EQUAL_UINT32(0U, controller.times.longest[PHASE_RECEIVE]);
+    cycles_a_look = 1000U;
+    TEST_ASSERT_FALSE(port_pass(&controller, controller.tick));
+    TEST_ASSERT_EQUAL_UINT32_MESSAGE(0U, controller.times.longest[PHASE_RECEIVE],
+                                     "looking costs nothing worth telling");
+    wait_in_line(1U);
+    TEST_ASSERT_TRUE(port_pass(&controller, controller.tick));
+    cycles_a_look = 0U;
+    TEST_ASSERT_EQUAL_UINT32(1000U, controller.times.longest[PHASE_RECEIVE]);
+}
+
+/* A tick waits for one pass at most. */
+static void test_a_pass_takes_four_frames_that_wait_and_no_more(void) {
+    (void)port_pass(&controller, controller.tick + 1U);
+    wait_in_line(10U);
+    for (uint32_t left = 10U; left > 4U; left -= PORT_FRAMES_A_PASS) {
+        TEST_ASSERT_TRUE(port_pass(&controller, controller.tick));
+        TEST_ASSERT_EQUAL_UINT32(left - PORT_FRAMES_A_PASS, controller.intake.count);
+    }
+}
+
+static void test_when_nothing_waits_nothing_is_taken(void) {
+    for (uint32_t i = 0U; i < 100U; i++) {
+        TEST_ASSERT_FALSE(port_pass(&controller, controller.tick));
+        (void)port_pass(&controller, controller.tick + 1U);
+    }
+    const terrapin_link *link = &controller.link;
+    TEST_ASSERT_EQUAL_UINT32(0U, link->bad_crc | link->repeated | link->out_of_step | link->malformed |
+                                     link->out_of_place | link->unsealed | link->unknown);
+    TEST_ASSERT_FALSE(controller.health.heard);
+}
+
+/* In test mode the answer to a line leaves before the line's own, also where others wait in front. */
+static void test_in_test_mode_a_line_is_answered_at_once(void) {
+    static const char text[] = "O\rt0900\r"; /* whatever it is: a frame for the controller */
+    for (uint32_t mode = 0U; mode < 2U; mode++) {
+        setUp();
+        (void)port_pass(&controller, controller.tick + 1U);
+        controller.link.test_mode = mode == 1U;
+        wait_in_line(8U);
+        for (uint32_t i = 0U; text[i] != '\0'; i++) {
+            TEST_ASSERT_TRUE(ring_put(&line.in, (uint8_t)text[i]));
+        }
+        (void)port_pass(&controller, controller.tick);
+        if (mode == 1U) {
+            TEST_ASSERT_EQUAL_UINT32(0U, controller.intake.count);
+        } else {
+            TEST_ASSERT_GREATER_THAN_UINT32(1U, controller.intake.count);
+        }
+    }
 }
 
 /* A board without a ground wheel refuses the limiter, and says so until something else is commanded. */
@@ -802,6 +886,10 @@ int main(void) {
     RUN_TEST(test_a_node_has_identifiers_of_its_own);
     RUN_TEST(test_tells_status_once_and_counts);
     RUN_TEST(test_tells_what_it_dropped_and_how_long_it_takes);
+    RUN_TEST(test_a_pass_takes_four_frames_that_wait_and_no_more);
+    RUN_TEST(test_when_nothing_waits_nothing_is_taken);
+    RUN_TEST(test_in_test_mode_a_line_is_answered_at_once);
+    RUN_TEST(test_each_fact_of_the_chip_is_told_in_its_place);
     RUN_TEST(test_each_phase_is_timed_as_its_own);
     RUN_TEST(test_a_limiter_without_a_wheel_is_refused_and_told);
     RUN_TEST(test_missed_ticks_are_the_core_s_fault_too);

@@ -19,9 +19,11 @@ void setUp(void) {
     refused = '\0';
     offered = &enable;
     pwm_refuses = zero_refuses = enable_refuses = bridge_forbidden = false;
+    closed_count = 0;
     modes_to_change = stops_kept = frames_sent = reopened = 0;
     idle_at = -1;
-    wanted = (controller_options){.debounce_ms = 20U};
+    wanted = (controller_options){.debounce_ms = 20U, .adc_bits = 13U};
+    read_options.adc_bits = 13U;
     enable = (gpio_line){.output = enable_output, .letter = 'E'};
     led = (gpio_line){.output = &lit, .letter = 'L'};
     estop = (gpio_line){.descriptor = -1, .level = 1};
@@ -197,6 +199,7 @@ static void test_a_line_that_is_gone_is_not_believed_again(void) {
     TEST_ASSERT_TRUE(c.stopped);
 }
 
+static short edge_events = POLLIN;
 static void edge(uint64_t time_ns, bool active) {
     int ends[2];
     TEST_ASSERT_EQUAL(0, pipe(ends));
@@ -204,7 +207,7 @@ static void edge(uint64_t time_ns, bool active) {
     estop.descriptor = ends[0];
     estop.edge = (gpio_edge){.time_ns = time_ns, .active = active};
     estop.has_edge = true;
-    take_estop_edges(&c, POLLIN);
+    take_estop_edges(&c, edge_events);
     (void)close(ends[0]);
     (void)close(ends[1]);
 }
@@ -219,6 +222,10 @@ static void test_only_an_edge_to_inactive_while_it_drives_is_timed(void) {
     c.stopped = false;
     edge(now_ns_here(), true); /* released */
     TEST_ASSERT_FALSE(c.stopped);
+    TEST_ASSERT_FALSE(c.estop_gone);
+    edge_events = POLLIN | POLLHUP; /* what waits is read before the end of it is believed */
+    edge(now_ns_here(), true);
+    edge_events = POLLIN;
     TEST_ASSERT_FALSE(c.estop_gone);
     edge(now_ns_here(), false); /* it does not drive */
     TEST_ASSERT_TRUE(c.stopped);
@@ -462,6 +469,16 @@ static void name_everything(void) {
     wanted.link_key = "K";
 }
 
+static void test_an_output_that_cannot_be_set_is_told(void) {
+    c.stopped = c.broken = false;
+    c.outputs.enable = true;
+    c.outputs.duty_q15 = 500;
+    enable_refuses = true;
+    listen();
+    apply(&c);
+    TEST_ASSERT_EQUAL_STRING("terrapin-controller: cannot set an output: Input/output error\n", heard());
+}
+
 static void test_what_cannot_be_had_is_named(void) {
     static const struct {
         char letter;
@@ -516,6 +533,86 @@ static void test_the_order_in_which_things_are_had(void) {
         TEST_ASSERT_EQUAL(i + 1U, strlen(opened));
     }
     refused = '\0';
+}
+
+static int times_closed(const void *what) {
+    int times = 0;
+    for (int i = 0; i < closed_count; i++) {
+        times += (closed[i] == what) ? 1 : 0;
+    }
+    return times;
+}
+
+static void test_closing_gives_everything_back_once(void) {
+    gpio_line direction = {.output = &lit, .letter = 'D'};
+    for (int open = 0; open < 2; open++) {
+        c.estop = &estop;
+        c.enable = &enable;
+        c.led = &led;
+        c.direction = &direction;
+        c.flash_open = open == 1;
+        const int clock = c.clock.descriptor;
+        const int signals = c.signals;
+        const void *const all[] = {&estop,    &enable,    &led,      &direction,     &c.pwm, &c.motor,
+                                   &c.ground, &c.current, &c.supply, &c.temperature, &c.bus};
+        closed_count = 0;
+        controller_close(&c);
+        for (size_t i = 0; i < (sizeof all / sizeof all[0]); i++) {
+            TEST_ASSERT_EQUAL(1, times_closed(all[i]));
+        }
+        TEST_ASSERT_EQUAL(open, times_closed(&c.flash));
+        TEST_ASSERT_EQUAL(11 + open, closed_count);
+        TEST_ASSERT_EQUAL(-1, fcntl(clock, F_GETFD));
+        TEST_ASSERT_EQUAL(-1, fcntl(signals, F_GETFD));
+        TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+    }
+    refused = '*'; /* what was never had is not given back */
+    controller_close(&c);
+    wanted.enable = (line_option){.given = true, .name = {.line = "*"}, .text = "*"};
+    TEST_ASSERT_FALSE(controller_open(&c, &wanted));
+    TEST_ASSERT_EQUAL(-1, c.clock.descriptor);
+    TEST_ASSERT_EQUAL(-1, c.signals);
+    controller_close(&c);
+    refused = '\0';
+    wanted.enable.given = false;
+    TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+}
+
+static void test_the_bus_is_of_the_kind_that_was_named(void) {
+    wanted.can = "can7";
+    wanted.current = "1";
+    wanted.bitrate = 125000;
+    controller_close(&c);
+    TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+    TEST_ASSERT_EQUAL_PTR(&bus_socketcan, c.bus.kind);
+    TEST_ASSERT_EQUAL_STRING("can7", c.bus.name);
+    wanted.can = NULL;
+    wanted.current = NULL;
+    wanted.adapter = "ttyACM0";
+    controller_close(&c);
+    TEST_ASSERT_TRUE(controller_open(&c, &wanted));
+    TEST_ASSERT_EQUAL_PTR(&bus_adapter, c.bus.kind);
+    TEST_ASSERT_EQUAL_STRING("ttyACM0", c.bus.name);
+    TEST_ASSERT_EQUAL(125000, c.bus.bitrate);
+}
+
+/* A timer that cannot be set is no clock: the loop is not even begun. */
+static void test_without_a_clock_nothing_runs(void) {
+    const int clock = c.clock.descriptor;
+    c.estop = NULL;
+    c.clock.descriptor = -1;
+    steps_until_the_end = 1;
+    outputs_set[0] = '\0';
+    listen();
+    (void)raise(SIGTERM); /* the end of a loop that began all the same */
+    TEST_ASSERT_EQUAL(1, controller_run(&c));
+    const char *text = heard();
+    TEST_ASSERT_NOT_NULL(strstr(text, "terrapin-controller: the system failed it: Bad file descriptor"));
+    TEST_ASSERT_NULL(strstr(text, "stopped by a signal"));
+    TEST_ASSERT_EQUAL(0, steps);
+    TEST_ASSERT_NULL(strpbrk(outputs_set, "E+-"));
+    TEST_ASSERT_FALSE_MESSAGE(take_signal(&c), "it waits still");
+    c.clock.descriptor = clock;
 }
 
 static void test_closing_puts_off(void) {
@@ -611,9 +708,13 @@ int main(void) {
     RUN_TEST(test_the_end_puts_the_bridge_off);
     RUN_TEST(test_the_report_has_each_count_in_its_place);
     RUN_TEST(test_a_start_without_a_flash_says_what_is_forgotten);
+    RUN_TEST(test_an_output_that_cannot_be_set_is_told);
     RUN_TEST(test_what_cannot_be_had_is_named);
     RUN_TEST(test_a_stop_that_was_kept_is_known_to_be);
     RUN_TEST(test_the_order_in_which_things_are_had);
+    RUN_TEST(test_closing_gives_everything_back_once);
+    RUN_TEST(test_the_bus_is_of_the_kind_that_was_named);
+    RUN_TEST(test_without_a_clock_nothing_runs);
     RUN_TEST(test_closing_puts_off);
     RUN_TEST(test_the_command_line_says_which_program_it_is);
     RUN_TEST(test_off_puts_the_outputs_off_and_says_what_it_could_not);
