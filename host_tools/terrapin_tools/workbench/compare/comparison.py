@@ -30,7 +30,7 @@ from terrapin_tools.workbench.model.data_columns import (
     column_shapes,
     numeric_columns,
 )
-from terrapin_tools.workbench.model.effect_columns import Shape, acting, shapes_of, terms_of, varying_parameters
+from terrapin_tools.workbench.model.effect_columns import Shape, acting, shapes_of_each, terms_of, varying_parameters
 from terrapin_tools.workbench.model.fitting import Fit, covariance, extend, fit_model
 from terrapin_tools.workbench.model.linearised import following
 from terrapin_tools.workbench.model.model import Bound, Model
@@ -286,7 +286,7 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, h
     prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
     directions = _directions(model, fits[-1].theta, rows, sigma) if known is None else known
     shapes = column_shapes(case, rows)
-    effects = {e.name: shapes_of(model, fits[-1].theta, e, rows, sigma) for e in suspected(model)}
+    effects = shapes_of_each(model, fits[-1].theta, suspected(model), rows, sigma)
     widened = np.concatenate([slopes, nuisance], axis=-1)
     may_vary = slopes
     if case.base.gains():  # the formulas as a whole

@@ -19,7 +19,7 @@ from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, measured, predict, sds
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes, numeric_columns
-from terrapin_tools.workbench.model.effect_columns import shapes_of, terms_of
+from terrapin_tools.workbench.model.effect_columns import shapes_of_each, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
@@ -177,7 +177,7 @@ def left(analysis: Analysis, fit: Fit) -> Left:
     if late and _lags(Evidence(runs, scaled, base, analysis.noise.behind), late):
         base = np.concatenate([base, *(columns.reshape(*scaled.shape, -1) for columns in late)], axis=-1)
     p_value = _squares(Evidence(runs, scaled, base, analysis.noise.behind), float(np.min(analysis.noise.freedom)))
-    effects = {e.name: shapes_of(fit.model, fit.theta, e, rows, sigma) for e in suspected(fit.model)}
+    effects = shapes_of_each(fit.model, fit.theta, suspected(fit.model), rows, sigma)
     effects |= {name: list(shapes) for name, shapes in terms_of(fit.model, fit.theta, rows, sigma).items()}
     blocks = blocks_of(effects, column_shapes(case, rows), runs, wrong=wrong)
     factor = float(BayesFactor(runs, base, blocks)(scaled.reshape(-1, 1))[0][0])

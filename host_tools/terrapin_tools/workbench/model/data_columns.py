@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from itertools import product
 from math import pi
 
@@ -15,10 +17,20 @@ from terrapin_tools.workbench.bases.kinds.base import Fitted
 from terrapin_tools.workbench.case.case import Case, require_effect
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["Direction", "Shapes", "candidates", "catalogue_directions", "column_shapes", "is_phase", "numeric_columns"]
+__all__ = [
+    "Direction",
+    "Shapes",
+    "beside",
+    "candidates",
+    "catalogue_directions",
+    "column_shapes",
+    "is_phase",
+    "numeric_columns",
+]
 
 GRID_LIMIT = 300
 DEGREE = 3  # of the polynomials in a column
+AT_ONCE = 10  # effects that are looked at beside one motion; more would slow each of its steps
 
 
 @dataclass(frozen=True)
@@ -50,13 +62,43 @@ def candidates(model: Model) -> list[Effect]:
     return found
 
 
+def beside(model: Model, theta: Array, asked: Sequence[tuple[Effect, Array]], rows: Mask) -> list[Array]:
+    """Predictions (sets, channels, rows) of a model with each of some effects alone, at sets that hardly differ.
+
+    Parameters
+    ----------
+    theta : the model's own parameters.
+    asked : effects, each with its parameters (sets, parameters); in the first of its sets it has size 0.
+
+    A body over time is integrated once for several effects, of which all but one are absent.
+    """
+    base, inputs = model.case.base, model.case.inputs
+    at_once = AT_ONCE if base.whole_runs and not base.own_dynamics else 1
+    found: list[Array] = []
+    for begin in range(0, len(asked), at_once):
+        some = asked[begin : begin + at_once]
+        absent = np.concatenate([theta, *(own[0] for _, own in some)])
+        sets, place = [absent[None]], len(theta)
+        for _, own in some:
+            part = np.repeat(absent[None], len(own) - 1, axis=0)
+            part[:, place : place + own.shape[1]] = own[1:]
+            sets.append(part)
+            place += own.shape[1]
+        joint = reduce(Model.having, (effect for effect, _ in some), model)
+        values = joint.bind(inputs, rows).near(np.concatenate(sets))
+        if len(some) > 1 and not np.isfinite(values).all():  # one of them spoils all
+            found += [beside(model, theta, [one], rows)[0] for one in some]
+            continue
+        parts = np.split(values[1:], np.cumsum([len(own) - 1 for _, own in some])[:-1])
+        found += [np.concatenate([values[:1], part]) for part in parts]
+    return found
+
+
 def catalogue_directions(model: Model, theta: Array, rows: Mask) -> list[Direction]:
     """One direction for each candidate effect and each value of its shape (nearly equal ones once)."""
-    directions = []
-    inputs = model.case.inputs
-    base = model.bind(inputs, rows).predict(theta)
+    asked: list[tuple[Effect, Array]] = []
+    changes: list[tuple[Effect, Array]] = []
     for effect in candidates(model):
-        bound = model.having(effect).bind(inputs, rows)
         fresh = effect.parameters
         if not fresh:
             continue
@@ -65,18 +107,21 @@ def catalogue_directions(model: Model, theta: Array, rows: Mask) -> list[Directi
         axes = [(0.0,), *shaped]
         grid = list(product(*axes))[:GRID_LIMIT]
         step = 1e-3 if not np.isfinite(fresh[0].maximum) else min(1e-3, 1e-3 * abs(fresh[0].maximum))
-        if fresh[0].start != 0.0:  # an expression of the user's own: its first parameter need not be a size
-            step = 1e-3 * abs(fresh[0].start)
-        sets = np.repeat(np.concatenate([theta, [p.start for p in fresh]])[None, :], len(grid), axis=0)
-        sets[:, len(theta) :] = grid
-        sets[:, len(theta)] = step
-        if fresh[0].start != 0.0:
-            change = (bound.predict(sets) - base) / step
-        else:
-            absent = np.concatenate([theta, [0.0], grid[0][1:]])
-            values = bound.near(np.vstack([absent, sets]))
-            change = (values[1:] - values[0]) / step
-        flat = change.reshape(len(grid), -1)
+        own = np.array([(0.0, *grid[0][1:]), *grid])
+        own[1:, 0] = step
+        if fresh[0].start == 0.0:
+            asked.append((effect, own))
+            continue
+        own[1:, 0] = step = 1e-3 * abs(fresh[0].start)  # an expression of the user's own: its first is maybe no size
+        bound = model.having(effect).bind(model.case.inputs, rows)
+        sets = np.hstack([np.repeat(theta[None], len(grid), axis=0), own[1:]])
+        changes.append((effect, (bound.predict(sets) - model.bind(model.case.inputs, rows).predict(theta)) / step))
+    for (effect, own), values in zip(asked, beside(model, theta, asked, rows), strict=True):
+        changes.append((effect, (values[1:] - values[0]) / own[1, 0]))
+    directions = []
+    order = {effect.name: place for place, effect in enumerate(candidates(model))}
+    for effect, change in sorted(changes, key=lambda one: order[one[0].name]):
+        flat = change.reshape(len(change), -1)
         norm = np.sqrt((flat * flat).sum(axis=1))
         usable = np.flatnonzero(np.isfinite(norm) & (norm > 0.0))
         unit = flat[usable] / norm[usable, None]

@@ -8,6 +8,7 @@ coefficient is the effect's size in noise standard deviations, comparable betwee
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations, product
 from math import pi
@@ -18,10 +19,10 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.bases.kinds.base import Act
 from terrapin_tools.workbench.case.case import Case
-from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, is_phase, numeric_columns
+from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, beside, is_phase, numeric_columns
 from terrapin_tools.workbench.model.model import Model
 
-__all__ = ["Shape", "acting", "loudness", "response", "shapes_of", "terms_of", "varying_parameters"]
+__all__ = ["Shape", "acting", "loudness", "response", "shapes_of", "shapes_of_each", "terms_of", "varying_parameters"]
 
 SAME = 0.9995  # correlation above which two shapes of one effect are one
 
@@ -125,9 +126,44 @@ def varying_parameters(case: Case, slopes: Array, rows: Mask) -> list[Array]:
 
 def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Array) -> list[Shape]:
     """Every shape of an effect beside a fitted model; nearly equal shapes are given once."""
+    return shapes_of_each(model, theta, [effect], rows, sigma)[effect.name]
+
+
+def shapes_of_each(
+    model: Model, theta: Array, effects: Sequence[Effect], rows: Mask, sigma: Array
+) -> dict[str, list[Shape]]:
+    """The same of several effects, by name."""
+    looks = [look for effect in effects if (look := _look(effect)) is not None]
+    absent = [look for look in looks if look.own[0, 0] == 0.0]
+    asked = [(look.effect, look.own) for look in absent]
+    values = {look.effect.name: value for look, value in zip(absent, beside(model, theta, asked, rows), strict=True)}
+    found: dict[str, list[Shape]] = {effect.name: [] for effect in effects}
+    for look in looks:
+        name, own = look.effect.name, look.own
+        if name not in values:
+            bound = model.having(look.effect).bind(model.case.inputs, rows)
+            values[name] = bound.near(np.hstack([np.repeat(theta[None], len(own), axis=0), own]))
+        step = own[1, 0] - own[0, 0]
+        found[name] = _shapes(look, (values[name][1:] - values[name][0]) / step / sigma[:, None])
+    return found
+
+
+@dataclass(frozen=True)
+class _Look:
+    """How an effect is looked at: combinations of its shape's values, its parameters (1 + combinations, parameters),
+    the first of them where it is absent, and which value, if any, is the phase of a wave."""
+
+    effect: Effect
+    grid: list[tuple[float, ...]]
+    own: Array
+    waves: int | None
+
+
+def _look(effect: Effect) -> _Look | None:
+    """None for an effect without parameters, or one whose shapes only a refit can judge."""
     fresh = effect.parameters
     if not fresh:
-        return []
+        return None
     axes: list[tuple[float, ...]] = []
     for parameter in fresh[1:]:
         axes.append((0.0, 0.5 * pi) if is_phase(parameter) else parameter.grid or (parameter.start,))
@@ -140,23 +176,24 @@ def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Arr
     step = 1e-4 * (min(1.0, width) if np.isfinite(width) else 1.0)
     if origin + step > fresh[0].maximum:
         step = -step
-    bound = model.having(effect).bind(model.case.inputs, rows)
-    sets = np.repeat(np.concatenate([theta, [origin], np.zeros(len(fresh) - 1)])[None, :], len(grid) + 1, axis=0)
-    sets[:, len(theta) + 1 :] = [*grid, grid[0]]
-    sets[:-1, len(theta)] = origin + step
     if origin != 0.0 and len(grid) > 1:
-        return []  # an expression of the user's own that has shapes but cannot be absent: only its refit can judge it
-    predicted = bound.near(sets[[-1, *range(len(grid))]])
-    changes = (predicted[1:] - predicted[0]) / step / sigma[:, None]
+        return None  # an expression of the user's own that has shapes but cannot be absent
+    own = np.array([(origin, *grid[0]), *((origin + step, *values) for values in grid)])
+    return _Look(effect, grid, own, waves)
+
+
+def _shapes(look: _Look, changes: Array) -> list[Shape]:
+    """Of what a unit of an effect changes (combinations, channels, rows), in noise sd."""
+    first, origin, waves = look.effect.parameters[0], look.own[0, 0], look.waves
     found: list[Shape] = []
     units: list[Array] = []
     taken: set[int] = set()
-    for index, values in enumerate(grid):
+    for index, values in enumerate(look.grid):
         if index in taken:
             continue
         block = changes[index][..., None]
         if waves is not None:
-            quarter = grid.index((*values[:waves], 0.5 * pi, *values[waves + 1 :]))
+            quarter = look.grid.index((*values[:waves], 0.5 * pi, *values[waves + 1 :]))
             taken.add(quarter)
             block = np.stack([changes[index], changes[quarter]], axis=-1)
         size = loudness(block)
@@ -167,6 +204,6 @@ def shapes_of(model: Model, theta: Array, effect: Effect, rows: Mask, sigma: Arr
         if any(abs(float(flat @ other)) > SAME for other in units):
             continue
         units.append(flat)
-        low, high = sorted(((fresh[0].minimum - origin) * size, (fresh[0].maximum - origin) * size))
-        found.append(Shape(effect.name, values, columns, 1.0 / size, low, high))
+        low, high = sorted(((first.minimum - origin) * size, (first.maximum - origin) * size))
+        found.append(Shape(look.effect.name, values, columns, 1.0 / size, float(low), float(high)))
     return found

@@ -23,6 +23,7 @@ from terrapin_hil.physics.equations.ode import cores
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import Act, Base, Fitted, Predictor, Problem, Quantity, Runs, Target
+from terrapin_tools.workbench.bases.kinds.integrations import KEPT, digest
 from terrapin_tools.workbench.bases.kinds.names import formula_name
 
 __all__ = ["Integrated", "integrated"]
@@ -119,6 +120,7 @@ class _Stretch:
     rows: Index
     name: str = ""
     first: int = 0  # row of the case
+    key: bytes = b""  # of what is integrated, but for its table of values
 
 
 class Stretches(Predictor):
@@ -140,17 +142,27 @@ class Stretches(Predictor):
                 self.table[own[effect.name][option]] = constants[option]
         places = [slots[f.name] if f.effect is None else own[f.effect][f.name] for f in problem.fitted]
         self.places = np.array(places, dtype=np.int64)
-        self.stretches = _runs(base, problem, columns) if problem.runs else _settings(columns, problem.count)
+        stretches = _runs(base, problem, columns) if problem.runs else _settings(columns, problem.count)
+        law = repr((base.name, problem.channels, problem.effects, slots, own)).encode()
+        self.stretches = [replace(one, key=_key(law, one)) for one in stretches]
         if problem.runs:
             self._check_lengths(base.body, problem.runs)
 
     def sets(self, sets: Array) -> Array:
         tables = self._tables(sets)
-        return self._over_runs(lambda one: [self.plan.channels(t, one.time, one.inputs, one.start) for t in tables])
+        return self._over_runs(lambda one: [self._motions(one, table[None])[0] for table in tables])
 
     def near(self, sets: Array) -> Array:
         tables = self._tables(sets)
-        return self._over_runs(lambda one: self.plan.near(tables, one.time, one.inputs, one.start))
+        return self._over_runs(lambda one: self._motions(one, tables))
+
+    def _motions(self, one: _Stretch, tables: Array) -> list[Array]:
+        """Channels (channels, samples) of a run and its neighbours, (1 + neighbours, slots)."""
+
+        def integrate(some: Array) -> Sequence[Mapping[str, Array]]:
+            return self.plan.near(some, one.time, one.inputs, one.start)
+
+        return KEPT.near(one.key, tables, self.problem.channels, integrate)
 
     def acting(self, theta: Array, target: str) -> Act | None:
         if target in self.problem.channels:
@@ -161,10 +173,11 @@ class Stretches(Predictor):
         tables = larger._tables(np.array([[*theta, 0.0], [*theta, UNIT]]))
 
         def act(features: Array) -> Array:
-            def solve(one: _Stretch) -> list[Mapping[str, Array]]:
+            def solve(one: _Stretch) -> list[Array]:
                 shapes = np.zeros((len(one.time), len(features)))
                 shapes[one.samples] = features[:, one.rows].T
-                return larger.plan.shaped(tables, one.time, one.inputs, one.start, shapes)
+                found = larger.plan.shaped(tables, one.time, one.inputs, one.start, shapes)
+                return [np.stack([motion[name] for name in self.problem.channels]) for motion in found]
 
             return larger._over_runs(solve) / UNIT
 
@@ -192,15 +205,14 @@ class Stretches(Predictor):
                 )
         return ""
 
-    def _over_runs(self, solve: Callable[[_Stretch], Sequence[Mapping[str, Array]]]) -> Array:
-        """Channels (sets, channels, rows) of what `solve` says of each run, sets at a time; runs in threads, as many as
-        OMP_NUM_THREADS says, else as there are cores: each run is the same whoever integrates it."""
+    def _over_runs(self, solve: Callable[[_Stretch], Sequence[Array]]) -> Array:
+        """Channels (sets, channels, rows) of what `solve` says of each run, sets of (channels, samples); in threads, as
+        many as OMP_NUM_THREADS says, else as there are cores: each run is the same whoever integrates it."""
         each = list(_pool(cores()).map(solve, self.stretches)) if cores() > 1 else list(map(solve, self.stretches))
         found = np.empty((len(each[0]), len(self.problem.channels), self.problem.count))
         for stretch, sets in zip(self.stretches, each, strict=True):
             for prediction, channels in zip(found, sets, strict=True):
-                for row, channel in zip(prediction, self.problem.channels, strict=True):
-                    row[stretch.rows] = channels[channel][stretch.samples]
+                prediction[:, stretch.rows] = channels[:, stretch.samples]
         return found
 
     def _tables(self, sets: Array) -> Array:
@@ -213,6 +225,11 @@ class Stretches(Predictor):
 @cache
 def _pool(threads: int) -> ThreadPoolExecutor:
     return ThreadPoolExecutor(threads)
+
+
+def _key(law: bytes, one: _Stretch) -> bytes:
+    inputs = (part for name, values in sorted(one.inputs.items()) for part in (name.encode(), values.tobytes()))
+    return digest(law, one.time.tobytes(), np.float64(one.start).tobytes(), *inputs)
 
 
 def _settings(columns: Mapping[str, Array], count: int) -> list[_Stretch]:
