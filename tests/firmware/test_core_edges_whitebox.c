@@ -267,6 +267,42 @@ static void test_the_tolerance_of_a_fit(void) {
     }
 }
 
+/* A window of a speed or a torque that no motor has counts as the most of each, so that three of them fit their sums.
+ */
+static void test_a_window_of_a_calibration_is_held(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    static const struct {
+        int32_t setpoint, omega_urad_s, torque_unm, omega, torque;
+    } cases[] = {
+        {1000, 5000000, 3000, 5000000, 3000},
+        {-1000, -5000000, -3000, 5000000, 3000}, /* backwards */
+        {1000, 5000000, -3000, 5000000, -3000},
+        {1000, -5000000, 3000, 0, 3000}, /* it still turns the other way */
+        {1000, OMEGA_MAX_URAD_S + 1, TORQUE_MAX_UNM + 1, OMEGA_MAX_URAD_S, TORQUE_MAX_UNM},
+        {1000, OMEGA_MAX_URAD_S, TORQUE_MAX_UNM, OMEGA_MAX_URAD_S, TORQUE_MAX_UNM},
+        {1000, 0, -TORQUE_MAX_UNM - 1, 0, -TORQUE_MAX_UNM},
+    };
+    for (size_t i = 0U; i < (sizeof cases / sizeof cases[0]); i++) {
+        setUp();
+        state.supervisor.setpoint = cases[i].setpoint;
+        state.estimator.omega_urad_s = cases[i].omega_urad_s;
+        state.estimator.motor_unm = cases[i].torque_unm;
+        state.estimator.index = 5U;
+        c->seen = 4U;
+        c->timer_ms = SETTLE_MS;
+        TEST_ASSERT_FALSE(take_window(&state)); /* while it settles none counts */
+        TEST_ASSERT_EQUAL(0, c->windows);
+        c->timer_ms = SETTLE_MS + 1U;
+        TEST_ASSERT_FALSE_MESSAGE(take_window(&state), "the same window again");
+        TEST_ASSERT_EQUAL(0, c->windows);
+        c->seen = 4U;
+        (void)take_window(&state);
+        TEST_ASSERT_EQUAL(1, c->windows);
+        TEST_ASSERT_EQUAL_INT32(cases[i].omega, c->omega_sum_urad_s);
+        TEST_ASSERT_EQUAL_INT32(cases[i].torque, c->torque_sum_unm);
+    }
+}
+
 /* A fit that fails before its residuals are known says none: not that of a calibration before. */
 static void test_a_fit_that_fails_early_tells_no_residual(void) {
     terrapin_calibration_state *c = &state.calibration;
@@ -393,6 +429,7 @@ int main(void) {
     RUN_TEST(test_below_one_volt_there_is_no_duty);
     RUN_TEST(test_one_milliampere_too_much_is_taken_off);
     RUN_TEST(test_a_calibration_begins_with_nothing_of_the_last);
+    RUN_TEST(test_a_window_of_a_calibration_is_held);
     RUN_TEST(test_the_sums_of_a_line);
     RUN_TEST(test_the_tolerance_of_a_fit);
     RUN_TEST(test_a_fit_that_fails_early_tells_no_residual);

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import re
+from contextlib import nullcontext
 
 import pytest
 
@@ -12,6 +13,7 @@ from terrapin_hil.reading import parse_quantity
 from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, units
 from terrapin_tools.workbench.files.units import (
     LARGEST,
+    check,
     convert,
     convert_difference,
     in_si,
@@ -121,3 +123,33 @@ def test_a_temperature_scale_is_scaled_as_a_difference_and_its_zero_is_told(unit
     assert si_factor(unit) == pytest.approx(factor, rel=1e-12)
     assert in_si(unit) == "K"
     assert shifted(unit) == (unit in ("degF", "degreeC"))
+
+
+@pytest.mark.parametrize(
+    ("unit", "known"), [("mN m", True), ("1/min", True), ("", True), ("furlongz", False), ("N*", False)]
+)
+def test_a_unit_is_checked_before_anything_is_made_of_it(unit: str, known: bool) -> None:
+    with nullcontext() if known else pytest.raises(ValueError, match=re.escape(unit)):
+        check(unit)
+
+
+@pytest.mark.parametrize(
+    ("raised", "plain"),
+    [("m\u00b2", "m**2"), ("s\u207b\u00b9", "1/s"), ("kg m\u00b2/s\u00b3", "kg*m**2/s**3"), ("m\u00b9\u00b2", "m**12"),
+     ("N m^2", "N*m**2")],
+)  # fmt: skip
+def test_raised_digits_are_powers(raised: str, plain: str) -> None:
+    assert read_unit(raised) == read_unit(plain)
+
+
+def test_two_groups_have_powers_and_no_third() -> None:
+    """Each of them multiplies all that it holds: groups in groups would be worked out for ever."""
+    assert read_unit("(m/s)^2*(kg/m)^2") == read_unit("kg**2/s**2")
+    with pytest.raises(ValueError, match="expected powers"):
+        read_unit("(m/s)^2*(kg/m)^2*(A)^2")
+
+
+@pytest.mark.parametrize("value", [True, False])
+def test_yes_and_no_are_no_numbers(value: bool) -> None:
+    with pytest.raises(ValueError, match="expected a number, or text with a unit"):
+        quantity(value, "m")

@@ -1,0 +1,160 @@
+"""What of all that was weighed is told, and which formulas are refitted: on sets, masses and errors that are given."""
+
+from __future__ import annotations
+
+from collections import Counter
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from terrapin_tools.workbench.discover import decide, discovery, expression_answers
+from terrapin_tools.workbench.discover.decide import Class, weights
+from terrapin_tools.workbench.discover.ranker import Hypothesis
+
+
+def _set(*effects: str, kind: str = "catalogue", parameters: int = 1, weight: float = 0.0, left: float = 0.0) -> Any:
+    """A set; `left`: the error that its fit leaves."""
+    return Hypothesis(effects, kind, weight, SimpleNamespace(theta=np.zeros(parameters), left=left))  # type: ignore[arg-type]
+
+
+def _ranking(*hypotheses: Hypothesis | None, expressions: dict[str, str] | None = None) -> Any:
+    texts = {name: SimpleNamespace(expression=text) for name, text in (expressions or {}).items()}
+    return SimpleNamespace(hypotheses=hypotheses, expressions=texts)
+
+
+def _classes(*sets: tuple[str, float]) -> list[Class]:
+    return [Class(((_set(*names.split(), parameters=i), mass),)) for i, (names, mass) in enumerate(sets)]
+
+
+@pytest.mark.parametrize(
+    ("sets", "told"),
+    [
+        ((("a", 0.7), ("b", 0.2)), "a"),  # most of the mass: alone
+        ((("a", 0.69), ("b", 0.21), ("c", 0.1)), "a, b"),  # nine tenths together
+        ((("a", 0.6), ("b", 0.2), ("c", 0.15), ("d", 0.05)), "a, b, c"),
+        ((("a", 0.3), ("b", 0.2), ("c", 0.1), ("d", 0.1), ("e", 0.1), ("f", 0.2)), "a, b, c, d"),  # four names at most
+        ((("a", 0.5), ("a b", 0.2), ("c", 0.3)), "a, c"),  # what is told already, and more
+        ((("a b", 0.5), ("a", 0.3), ("c", 0.2)), "a b, a, c"),  # less is a rival
+        ((("a", 0.4), ("a", 0.3), ("c", 0.3)), "a, c"),
+    ],
+)
+def test_the_fewest_names_that_have_the_mass_are_told(sets: tuple[tuple[str, float], ...], told: str) -> None:
+    mass = sum(share for _, share in sets)
+    found = [" ".join(h.effects) for h, _ in decide._told(_ranking(), _classes(*sets), mass)]
+    assert ", ".join(found) == told
+
+
+def test_a_formula_that_acts_as_another_is_no_rival() -> None:
+    every = _classes(("expression_1", 0.5), ("expression_2", 0.3), ("c", 0.2))
+    ranking = _ranking(expressions={"expression_1": "k*x", "expression_2": "k*x"})
+    assert [h.effects[0] for h, _ in decide._told(ranking, every, 1.0)] == ["expression_1", "c"]
+
+
+@pytest.fixture
+def given_errors(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """An analysis whose plain fit leaves 1, and each set what stands in it."""
+    monkeypatch.setattr(decide, "error", lambda fit, rows, sigma: fit.left)
+    monkeypatch.setattr(decide, "absent", lambda fit, effects: "absent" in effects)
+    rows = np.ones(3, dtype=bool)
+    case = SimpleNamespace(test=rows, train=rows)
+    return SimpleNamespace(fit=SimpleNamespace(left=1.0), rows=rows, noise=SimpleNamespace(sigma=1.0), case=case)
+
+
+def _left(taken: float) -> float:
+    return float(np.sqrt(1.0 - taken))
+
+
+def test_beside_a_curve_a_part_that_takes_nearly_as_much_is_told(given_errors: Any) -> None:
+    top = _set("a", "b", parameters=4, left=_left(0.8))
+    small, less, other, formula, gone, same = (
+        _set("a", parameters=2, left=_left(0.71)), _set("b", parameters=3, left=_left(0.69)),
+        _set("c", parameters=1, left=_left(0.8)), _set("a", kind="expression", parameters=1, left=_left(0.8)),
+        _set("a", "absent", parameters=1, left=_left(0.8)), _set("a", parameters=4, left=_left(0.8)),
+    )  # fmt: skip
+    nothing = Hypothesis((), "nothing", 0.0)
+    assert decide._worth(given_errors, _ranking(top, small, less, other, formula, gone, same, nothing), top) is small
+    assert decide._worth(given_errors, _ranking(top, less, other, formula, gone, same, nothing), top) is top
+    likelier = _set("b", parameters=2, weight=1.0, left=_left(0.75))
+    assert decide._worth(given_errors, _ranking(top, small, likelier), top) is likelier
+    of_formulas = _set("expression_1", kind="expression", parameters=2, left=_left(0.8))
+    texts = {"expression_1": "k*x"}
+    assert decide._worth(given_errors, _ranking(of_formulas, other, expressions=texts), of_formulas) is other
+
+
+def test_what_is_known_is_told_where_it_halves_the_heldout_error(given_errors: Any) -> None:
+    half, more, formula, gone = (
+        _set("a", parameters=2, left=0.5), _set("b", parameters=1, left=0.51),
+        _set("c", kind="expression", parameters=1, left=0.1), _set("absent", parameters=1, left=0.1),
+    )  # fmt: skip
+    assert decide._halving(given_errors, _ranking(more, formula, gone, half)) is half
+    assert decide._halving(given_errors, _ranking(more, formula, gone)) is None
+    short = _set("d", parameters=1, left=0.2)
+    assert decide._halving(given_errors, _ranking(half, short)) is short
+
+
+def test_all_that_was_weighed_sums_to_one_likeliest_first() -> None:
+    every = [Class(((_set("a"), 0.2),)), Class(((_set("b"), 0.5),), ((_set("b", kind="part"), 0.1),))]
+    pairs = [(Hypothesis((), "nothing", 0.0), 0.15), (_set("a"), 0.2), (Hypothesis((), "unknown", 0.0), 5e-7)]
+    found = weights(SimpleNamespace(pairs=lambda: pairs), every)  # type: ignore[arg-type]
+    assert [one.kind for one in found] == ["set", "set", "nothing", "part", "rest"]
+    assert [one.probability for one in found] == pytest.approx([0.5, 0.2, 0.15, 0.1, 0.05], abs=1e-6)
+    assert found[0].sets == (("b",),)
+
+
+def _expressions(monkeypatch: pytest.MonkeyPatch, columns: str, missing: bool = True) -> list[Hypothesis]:
+    """Of sketches of these columns, a letter each, likeliest first."""
+    sketches = [SimpleNamespace(target="y", text=f"{c}{i}", column=c) for i, c in enumerate(columns)]
+    promise = -np.arange(len(sketches), dtype=float)
+    listed = SimpleNamespace(sketches=sketches, promise=lambda _: promise)
+    monkeypatch.setattr(expression_answers, "library", lambda *_: listed)
+    monkeypatch.setattr(expression_answers, "doubts", lambda *_: False)
+    ranker: Any = SimpleNamespace(
+        base=np.zeros((1, 4, 1)), values=np.zeros((1, 4)), effects={}, model=None, rows=None, sigma=np.ones(1),
+        columns_without=lambda names: None, misfit=1.0, catalogue={}, evidence=None,
+        case=SimpleNamespace(base=SimpleNamespace(whole_runs=False), dynamics=None),
+        analysis=SimpleNamespace(fit=SimpleNamespace(theta=None), residual=np.zeros((1, 4)), missing=missing),
+        expression=lambda chosen: chosen.text, log_prior=lambda names: 0.0,
+        weighed=lambda names, weight: Hypothesis(names, "expression", weight, SimpleNamespace(theta=np.zeros(1))),  # type: ignore[arg-type]
+    )  # fmt: skip
+    return expression_answers.expressions(ranker)
+
+
+def test_two_formulas_of_a_column_are_refitted_and_six_altogether(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _expressions(monkeypatch, "aaaabbbccccdddee")
+    refitted = [h for h in found if h.fit is not None]
+    assert [h.effects[0] for h in refitted] == ["a0", "a1", "b4", "b5", "c7", "c8"]
+    grouped = {h.column: h.log_weight for h in found if h.fit is None}
+    assert Counter(grouped).keys() == Counter("abcde").keys()
+    share = refitted[0].log_weight
+    for column, places in {"a": (2, 3), "b": (6,), "c": (9, 10), "d": (11, 12, 13), "e": (14, 15)}.items():
+        mass = np.log(sum(np.exp(-float(place)) for place in places))
+        assert grouped[column] - share == pytest.approx(mass, abs=1e-9)
+
+
+def test_where_nothing_is_missing_no_formula_is_refitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = _expressions(monkeypatch, "aab", missing=False)
+    assert [(h.fit, h.column) for h in found] == [(None, "a"), (None, "b")]
+
+
+def test_each_effect_has_its_own_probability_and_what_is_out_of_the_question_none(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given = {"sure": 0.5, "likely": 0.9, "never": 1e-10, "hardly": 1e-8}
+    singles = {name: _set(name) for name in given}
+
+    def candidate(_: object, hypothesis: Hypothesis, *rest: Any) -> Any:
+        return SimpleNamespace(effect=SimpleNamespace(name=hypothesis.effects[0]), probability=rest[2], column=rest[3])
+
+    monkeypatch.setattr(discovery, "_candidate", candidate)
+    monkeypatch.setattr(discovery, "calibrated", lambda p: p)
+    monkeypatch.setattr(discovery, "sd_of", lambda *_: None)
+    ranking: Any = SimpleNamespace(
+        singles=singles, alone={}, columns={"likely": "oil", "never": "load"}, inclusion=given.__getitem__,
+        column_inclusion={"oil": 0.95, "load": 1e-12}.__getitem__, hypotheses=list(singles.values()),
+    )  # fmt: skip
+    found = discovery._candidates(None, ranking, None, None, {"sure": 0.99, "likely": 0.1})  # type: ignore[arg-type]
+    told = {one.effect.name: (one.probability, vars(one)["column"]) for one in found}
+    assert told == {"sure": (0.99, None), "likely": (0.9, 0.95), "hardly": (1e-8, None), "never": (0.0, 0.0)}
+    assert list(told) == ["sure", "likely", "hardly", "never"]
