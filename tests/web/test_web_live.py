@@ -481,6 +481,39 @@ def test_nothing_to_record_or_stop(live: Server) -> None:
 
 
 @pytest.mark.parametrize(
+    ("images", "status", "said"),
+    [
+        ([], 422, "images"),
+        ([("a.bin", "AAAA")] * 3, 422, "images"),
+        ([("../a.bin", "AAAA")], 422, "name"),
+        ([("a.elf", "AAAA")], 422, "name"),
+        ([("a.bin", "AAAA" * 60_001)], 422, "data"),
+        ([("a.bin", "not base64")], 422, "data"),
+        ([("a.bin", "AAAAA")], 422, "a.bin: "),
+    ],
+)
+def test_images_that_are_none(live: Server, images: list[tuple[str, str]], status: int, said: str) -> None:
+    """Nothing is put into the workspace, nor onto the bus, whatever a page sends in the place of images."""
+    post(live, "live", source="can:virtual:flash")
+    answer = live.ask("POST", "/api/live/flash", {"images": [{"name": n, "data": d} for n, d in images]})
+    assert (answer.status, said in answer.detail) == (status, True), answer.body
+    assert not list(live.workspace.glob("images/*"))
+    assert live.get("/api/live")["name"] is not None
+
+
+def test_nothing_to_flash(live: Server) -> None:
+    body = {"images": [{"name": "a.bin", "data": "AAAA"}]}
+    live.ask("DELETE", "/api/live")
+    assert live.ask("POST", "/api/live/flash", body).status == 404
+    for source in ("simulator:estop", "log:still.log"):
+        a_log(live.workspace / "logs" / "still.log", np.arange(5000) * 0.01)
+        post(live, "live", source=source)
+        answer = live.ask("POST", "/api/live/flash", body)
+        assert (answer.status, "no boot loader" in answer.detail) == (409, True)
+    assert not list(live.workspace.glob("images/*"))
+
+
+@pytest.mark.parametrize(
     "message", ["no json", "[]", '{"want": "x"}', '{"want": [-1]}', '{"seen": 1.5}', '{"x": 1}', "[" * 4000, b"\0\1"]
 )
 def test_malformed_messages_end_the_socket(live: Server, message: str | bytes) -> None:

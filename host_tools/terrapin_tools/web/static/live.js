@@ -15,7 +15,7 @@ import { Stop } from './live/stop.js';
 import { Telemetry } from './live/telemetry.js';
 import { Tiles } from './live/tiles.js';
 import { Rolling } from './rolling.js';
-import { COLOURS, Strip, style } from './strip.js';
+import { COLOURS, PLACES, Strip, style } from './strip.js';
 
 const FIRST = ['MOTION.slip', 'GROUND.torque', 'ELECTRICAL.current', 'ACTUATE.state'];
 /** @type {Record<string, string>} */
@@ -144,7 +144,7 @@ class Live {
     this.rolling.take(ring);
     this.strip.lanes = known.map((name, place) => {
       const { unit, words } = telemetry.signals[telemetry.index.get(name) ?? 0];
-      return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place], truth: ring(beside(name, TRUTH)), sd: ring(beside(name, SD)) };
+      return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place], truth: ring(beside(name, TRUTH)), sd: ring(beside(name, SD)), places: PLACES[name] };
     });
   }
 

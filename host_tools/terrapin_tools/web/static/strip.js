@@ -1,11 +1,12 @@
 // Strip charts over one time axis, on one canvas: each signal in a lane of its own, events in the last, one cursor over
 // all. Where several points fall on a pixel, the line spans from the lowest to the highest: no spike is lost.
-import { css, h, number, quantity } from './app.js';
+import { css, fixed, h, number, quantity } from './app.js';
 import { ticks } from './plots/painting.js';
 
 const KEPT = 1 << 15; // points of a signal
 const RATE = 30; // redraws a second
 const LEFT = 64, RIGHT = 12, TITLE = 18, GAP = 8, AXIS = 20, EVENTS = 52, THICK = 1.5;
+export const PLACES = /** @type {Record<string, number>} */ ({ slip: 3, 'MOTION.slip': 3 }); // decimals that a signal without a unit is worth
 export const COLOURS = ['--blue', '--teal', '--amber', '--red', '--soft', '--ink'];
 /** @type {Record<string, string>} */
 const MARKS = { fault: '--red', injected: '--amber', limiter: '--blue', parameter: '--teal', mark: '--ink', clock: '--red', bus: '--red', state: '--soft', report: '--soft' };
@@ -322,13 +323,15 @@ export class Strip {
     }
     const shown = lane.ring.at(this.cursor ?? end);
     const truly = lane.truth?.at(this.cursor ?? end);
-    const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : quantity(shown, lane.unit, (lane.sd?.at(this.cursor ?? end) ?? 0) * 2);
+    /** @param {number | null | undefined} value */
+    const says = (value, sd = 0) => (lane.places === undefined ? quantity(value, lane.unit, sd) : fixed(value, lane.places));
+    const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : says(shown, (lane.sd?.at(this.cursor ?? end) ?? 0) * 2);
     pen.textAlign = 'left';
     pen.fillStyle = colours[lane.colour];
     pen.fillRect(LEFT, top + 5, 8, 8);
     pen.fillStyle = colours['--ink'];
     const beside = lane.sd ? ' (2 sd)' : '';
-    pen.fillText(`${lane.name}   ${said}${beside}${truly === null || truly === undefined ? '' : `   truth ${quantity(truly, lane.unit)}`}${lane.other ? `   grey: ${number(lane.other.at(this.cursor ?? end))}` : ''}`, LEFT + 14, top + 9);
+    pen.fillText(`${lane.name}   ${said}${beside}${truly === null || truly === undefined ? '' : `   truth ${says(truly)}`}${lane.other ? `   grey: ${says(lane.other.at(this.cursor ?? end))}` : ''}`, LEFT + 14, top + 9);
   }
 
   /**

@@ -137,6 +137,7 @@ interface Bar { x: number; wide: number; low: number; high: number }
 interface Lane {
   name: string; unit: string; words?: Record<number, string> | null; colour: string; ring: import('./strip.js').Ring;
   truth?: import('./strip.js').Ring | null; sd?: import('./strip.js').Ring | null; other?: import('./strip.js').Ring | null;
+  places?: number | undefined; // decimals that it is worth, where neither sd nor prefix says so
 }
 interface Mark { time: number | null; kind: string; text: string; number?: number; wide?: number }
 

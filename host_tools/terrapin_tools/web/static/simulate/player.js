@@ -1,7 +1,7 @@
 // A run played back: the robot rolling, a slider for the moment, strip charts, and the checks.
 import { fixed, h, still } from '../app.js';
 import { Robot, at } from '../robot.js';
-import { COLOURS, Ring, Strip } from '../strip.js';
+import { COLOURS, PLACES, Ring, Strip } from '../strip.js';
 
 const DEGREE = Math.PI / 180;
 // column, title, unit, the truth that belongs on its axis, the sd of a band around it
@@ -63,7 +63,7 @@ export class Player {
     const there = (of) => (/** @type {string | undefined} */ key) => (key && of.columns[key]?.some((v) => v) ? ringOf(of, key) : null);
     const mine = there(run), theirs = this.other ? there(this.other) : () => null;
     this.strip.lanes = CHARTS.filter(([key]) => mine(key) && !(key === 'contact_torque' && mine('estimate'))).slice(0, 6).map(([key, text, unitText, truth, sd], i) => (
-      { name: text, unit: unitText, words: null, colour: COLOURS[i % COLOURS.length], ring: ringOf(run, key), truth: mine(truth), sd: mine(sd), other: theirs(key) }));
+      { name: text, unit: unitText, words: null, colour: COLOURS[i % COLOURS.length], ring: ringOf(run, key), truth: mine(truth), sd: mine(sd), other: theirs(key), places: PLACES[key] }));
     this.strip.seconds = times[times.length - 1] - times[0] || 1;
     this.strip.end = times[times.length - 1];
     this.strip.events = events(run);
