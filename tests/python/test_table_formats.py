@@ -6,6 +6,7 @@ import os
 import pickle
 import re
 import shutil
+import struct
 import subprocess
 import sys
 import tomllib
@@ -27,6 +28,7 @@ from terrapin_tools.workbench.files import formats, units
 from terrapin_tools.workbench.files.format import Asked, Part
 from terrapin_tools.workbench.files.formats import csv_text
 from terrapin_tools.workbench.files.tables import read
+from terrapin_tools.workbench.files.trees.mat5 import mat5_tree
 from terrapin_tools.workbench.new_case.from_tables import split_unit
 from tests.attack.bombs_of_tables import with_member
 
@@ -83,6 +85,23 @@ def test_a_pickle_is_never_opened(tmp_path: Path) -> None:
     refused(tmp_path / "b.npy", "never opened")
     refused(tmp_path / "c.npz", "never opened")
     refused(tmp_path / "d.mat", "expected a MATLAB file")
+
+
+@pytest.mark.parametrize(("rows", "columns", "words"), [(0x7FFFFFFF, 2, "is cut off or damaged"), (5, 2, "is cut off")])
+def test_a_text_of_more_rows_than_letters_is_damaged(tmp_path: Path, rows: int, columns: int, words: str) -> None:
+    """However many rows a flipped bit makes of it, none is made."""
+    import scipy.io
+
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"x": np.arange(3.0), "names": np.array(["ab", "cd"])})
+    shape = struct.pack("<ii", 2, 2)
+    content = path.read_bytes()
+    assert content.count(shape) == 1
+    assert mat5_tree(path)["names"] == ["ab", "cd"]
+    path.write_bytes(content.replace(shape, struct.pack("<ii", rows, columns)))
+    refused(path, words)
+    path.write_bytes(content.replace(shape, struct.pack("<ii", rows, 0)))
+    assert mat5_tree(path)["names"] == "acbd"  # as its letters stand
 
 
 def test_an_object_of_matlab_is_refused(tmp_path: Path) -> None:

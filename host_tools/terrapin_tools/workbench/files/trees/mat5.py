@@ -154,6 +154,8 @@ class _Reader:
         code = TEXTS[kind] if kind == 16 or kind == 2 else TEXTS[kind] + ("-le" if self.order == "<" else "-be")
         letters = bytes(data).decode(code, errors="replace")
         rows = shape[0]
-        if rows <= 1:
+        if rows <= 1 or not math.prod(shape):
             return letters
+        if rows > len(letters):
+            raise self._broken()
         return ["".join(letters[row::rows]).strip() for row in range(rows)]
