@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from terrapin_hil.arrays import Array
+from terrapin_hil.physics import dynamic
 from terrapin_hil.physics.bodies import Drive
 from terrapin_tools.workbench.bases.kinds import integrations
-from terrapin_tools.workbench.bases.kinds.integrated import Integrated
+from terrapin_tools.workbench.bases.kinds.base import Problem, Runs
+from terrapin_tools.workbench.bases.kinds.integrated import Integrated, Stretches
 from terrapin_tools.workbench.bases.kinds.integrations import KEPT, digest
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.model.constants import suspected
@@ -121,3 +123,34 @@ def test_one_that_gives_no_numbers_does_not_spoil_the_others(case: Case) -> None
     values = beside(model, model.start, asked, rows)
     expected = beside(model, model.start, asked[:1], rows)[0]
     np.testing.assert_array_equal(values[0], expected)
+
+
+def test_effects_that_have_no_room_beside_each_other_are_looked_at_alone(
+    case: Case, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model, rows = Model.of(case), case.run == 0
+    some = [e for e in suspected(model) if len(e.parameters) == 1][:2]
+    asked = [(effect, np.array([[0.0], [1e-3]])) for effect in some]
+    expected = beside(model, model.start, asked, rows)
+    predictor = case.base.predictor(
+        Problem(
+            channels=model.channels,
+            effects=(),
+            fitted=model.fitted,
+            constants=case.parameters,
+            options=case.options,
+            inputs=case.inputs,
+            rows=rows,
+            runs=Runs(case.run, case.run_names, case.place, {**case.roles, **case.channels}),
+            formulas={},
+            scales={},
+        )
+    )
+    assert isinstance(predictor, Stretches)
+    columns = len(predictor.table)
+    monkeypatch.setattr(dynamic, "MOST_VALUES", columns + 1)  # room for one size
+    for found, value in zip(beside(model, model.start, asked, rows), expected, strict=True):
+        np.testing.assert_allclose(found, value, rtol=1e-12)
+    monkeypatch.setattr(dynamic, "MOST_VALUES", columns - 1)
+    with pytest.raises(ValueError, match="values, expected at most"):
+        beside(model, model.start, asked, rows)

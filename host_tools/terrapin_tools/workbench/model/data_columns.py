@@ -85,8 +85,13 @@ def beside(model: Model, theta: Array, asked: Sequence[tuple[Effect, Array]], ro
             sets.append(part)
             place += own.shape[1]
         joint = reduce(Model.having, (effect for effect, _ in some), model)
-        values = joint.bind(inputs, rows).near(np.concatenate(sets))
-        if len(some) > 1 and not np.isfinite(values).all():  # one of them spoils all
+        try:
+            values = joint.bind(inputs, rows).near(np.concatenate(sets))
+        except ValueError:  # more values than a body's table has room for
+            if len(some) == 1:
+                raise
+            values = np.array([np.nan])
+        if len(some) > 1 and not np.isfinite(values).all():  # or one of them spoils all
             found += [beside(model, theta, [one], rows)[0] for one in some]
             continue
         parts = np.split(values[1:], np.cumsum([len(own) - 1 for _, own in some])[:-1])
