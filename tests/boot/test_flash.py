@@ -244,7 +244,8 @@ def test_keys_revoke_refuses_what_is_wrong(tmp_path: Path) -> None:
         ((old, bad, "--key", new), f"{bad}: the TLVs do not end where they say: cut off"),
         ((old, tmp_path / "none.bin", "--key", new), "cannot read"),
         ((good, good, "--key", new), "expected an Ed25519 key in PEM"),
-        ((old, good, "--key", tmp_path / "none.pem"), "cannot read the key"),
+        ((old, good, "--key", tmp_path / "none.pem"), "No such file or directory; `terrapin keys new` makes one\n"),
+        ((old, good, "--key", tmp_path), f"{tmp_path}: cannot read the key: Is a directory\n"),
     ]:
         done = terrapin("keys", "revoke", *arguments, "--out", tmp_path / "out")
         assert done.returncode == 2

@@ -255,6 +255,43 @@ static void test_node_requests_reach_the_identity(void) {
     TEST_ASSERT_EQUAL(1, link.malformed);
 }
 
+/* Whatever else is on the bus is none of the identity's business. */
+static void test_a_controller_with_an_identity_counts_other_traffic(void) {
+    terrapin_identity identity;
+    terrapin_identity_init(&identity, 0x1234U, 0U);
+    link.identity = &identity;
+    const terrapin_frame other = {.id = 0x7F0U, .length = 8U};
+    TEST_ASSERT_EQUAL(TERRAPIN_ACCEPT_NOTHING, terrapin_accept(&link, &state, &other, &inputs, &reply));
+    TEST_ASSERT_EQUAL_UINT32(1U, link.unknown);
+    TEST_ASSERT_EQUAL_UINT32(0U, link.bad_crc + link.malformed + link.repeated);
+}
+
+/* On a controller with a key these wait for their seal, and none of all other identifiers does. */
+static void test_what_needs_a_seal(void) {
+    static const uint16_t sealed[] = {TERRAPIN_ID_PARAMETER_WRITE, TERRAPIN_ID_TEST_MODE,    TERRAPIN_ID_STORE_COMMAND,
+                                      TERRAPIN_ID_NODE_REQUEST,    TERRAPIN_ID_UPDATE_BEGIN, TERRAPIN_ID_UPDATE_END,
+                                      TERRAPIN_ID_UPDATE_RESET};
+    uint32_t found = 0U;
+    for (uint16_t id = 0U; id < 0x800U; id++) {
+        terrapin_frame frame = {.id = id, .length = 8U};
+        const terrapin_node_request_t write = {.action = TERRAPIN_NODE_ACTION_WRITE};
+        if (id == TERRAPIN_ID_NODE_REQUEST) {
+            TEST_ASSERT_TRUE(terrapin_encode_node_request(&write, &frame));
+        }
+        bool expected = false;
+        for (size_t i = 0U; i < (sizeof sealed / sizeof sealed[0]); i++) {
+            expected = expected || (sealed[i] == id);
+        }
+        TEST_ASSERT_EQUAL(expected, needs_seal(&frame));
+        found += expected ? 1U : 0U;
+    }
+    TEST_ASSERT_EQUAL_UINT32(7U, found);
+    const terrapin_node_request_t read = {.action = TERRAPIN_NODE_ACTION_READ};
+    terrapin_frame asks = {0};
+    TEST_ASSERT_TRUE(terrapin_encode_node_request(&read, &asks));
+    TEST_ASSERT_FALSE_MESSAGE(needs_seal(&asks), "who is there may be asked by anybody");
+}
+
 static void test_protected_frames_are_checked(void) {
     const terrapin_frame good = command(TERRAPIN_REQUEST_RUN, 0, 1000, 3);
     for (size_t bit = 0; bit < 64U; bit++) {
@@ -729,6 +766,8 @@ int main(void) {
     RUN_TEST(test_stop_all_in_test_mode_outlives_it);
     RUN_TEST(test_a_stop_all_that_is_none);
     RUN_TEST(test_node_requests_reach_the_identity);
+    RUN_TEST(test_a_controller_with_an_identity_counts_other_traffic);
+    RUN_TEST(test_what_needs_a_seal);
     RUN_TEST(test_protected_frames_are_checked);
     RUN_TEST(test_the_counter_of_a_command_follows_in_a_window_of_four);
     RUN_TEST(test_two_hosts_that_jump_are_never_taken);

@@ -260,6 +260,8 @@ static void test_stop_all_never_waits(void) {
             terrapin_intake_begin_tick(&intake);
             (void)take(indexes);
             TEST_ASSERT_EQUAL(TERRAPIN_REQUEST_IDLE, inputs.command.request);
+            TEST_ASSERT_EQUAL_MESSAGE(tick == 0U, inputs.command_fresh, "each RUN that waited is passed over");
+            inputs.command_fresh = false; /* a tick was made of it */
         }
         TEST_ASSERT_EQUAL(0, intake.count);
     }

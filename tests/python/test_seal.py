@@ -115,6 +115,24 @@ def test_a_host_asks_with_another_number_each_time() -> None:
     assert len(set(asked)) == 4
 
 
+def test_a_controller_that_does_not_answer_is_asked_three_times(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A session of somebody else may wait for 0.2 s: two pauses of 0.12 s are longer, and the same number each time."""
+    asked: list[bytes] = []
+    slept: list[float] = []
+
+    class Deaf(Sealed):
+        def ask(self, frame: Frame, wanted: Callable[[Frame], bool]) -> Frame | None:
+            asked.append(frame[1])
+            return None
+
+    monkeypatch.setattr("terrapin_hil.links.seal.time.sleep", slept.append)
+    with pytest.raises(LinkError):
+        open_session(Deaf(), KEY)
+    assert len(asked) == 3
+    assert len(set(asked)) == 1
+    assert slept == [0.12, 0.12]
+
+
 @pytest.mark.parametrize("name", SEALED)
 def test_what_changes_a_controller_has_a_seal_behind_it(name: str) -> None:
     message = interface().messages[name]

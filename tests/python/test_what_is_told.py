@@ -9,9 +9,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from terrapin_tools.workbench.discover import decide, discovery, expression_answers
+from terrapin_tools.workbench.discover import decide, discovery, expression_answers, ranker
 from terrapin_tools.workbench.discover.decide import Class, weights
-from terrapin_tools.workbench.discover.ranker import Hypothesis
+from terrapin_tools.workbench.discover.misfit import explained
+from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
+from terrapin_tools.workbench.formulas.expressions import FOUND
+from terrapin_tools.workbench.formulas.vocabulary import shapes
 
 
 def _set(*effects: str, kind: str = "catalogue", parameters: int = 1, weight: float = 0.0, left: float = 0.0) -> Any:
@@ -158,3 +161,88 @@ def test_each_effect_has_its_own_probability_and_what_is_out_of_the_question_non
     told = {one.effect.name: (one.probability, vars(one)["column"]) for one in found}
     assert told == {"sure": (0.99, None), "likely": (0.9, 0.95), "hardly": (1e-8, None), "never": (0.0, 0.0)}
     assert list(told) == ["sure", "likely", "hardly", "never"]
+
+
+@pytest.mark.parametrize("grow", [False, True])
+@pytest.mark.parametrize("grouped", [False, True])
+@pytest.mark.parametrize("known", [False, True])
+@pytest.mark.parametrize("above", [False, True])
+def test_where_nothing_is_missing_what_looks_like_a_misfit_takes_of_its_certainty(
+    monkeypatch: pytest.MonkeyPatch, grow: bool, grouped: bool, known: bool, above: bool
+) -> None:
+    """Noise that was found, not stated, to grow with the reading; and far more of it than was stated."""
+    monkeypatch.setattr(decide, "far_above_stated", lambda _: above)
+    monkeypatch.setattr(decide, "calibrated", lambda p, what: p)
+    noise = SimpleNamespace(
+        node=SimpleNamespace(grow=grow), groups=object() if grouped else None, known=np.array([known, True])
+    )
+    ranking: Any = SimpleNamespace(probability=lambda *kinds: 0.99, blind=False)
+    found = decide.decide(SimpleNamespace(missing=False, noise=noise), ranking, 0.05)  # type: ignore[arg-type]
+    most = min(0.3 if above else 1.0, 0.8 if grow and not grouped and not known else 1.0)
+    assert (found.verdict, found.probability) == ("adequate", min(0.99, most))
+
+
+def test_what_a_column_explains_is_what_differs_between_its_values() -> None:
+    two = np.repeat([0.0, 1.0], 10)
+    assert explained(3.0 * two, two) == pytest.approx(1.0)
+    assert explained(np.tile([-1.0, 1.0], 10), two) == 0.0
+    assert explained(two, np.ones(20)) == 0.0  # a column that does not vary
+    assert explained(np.ones(20), two) == 0.0
+    draw = np.random.default_rng(3)
+    slope = np.linspace(-1.0, 1.0, 2000)
+    half = explained(slope + draw.normal(0.0, np.sqrt((slope * slope).mean()), 2000), slope)
+    assert half == pytest.approx(0.5, abs=0.05)
+    assert np.mean([explained(draw.normal(size=60), draw.normal(size=60)) for _ in range(200)]) < 0.05
+
+
+def test_a_reference_is_looked_for_from_the_lowest_reading_on() -> None:
+    found = [term for term in shapes("oil", np.array([20.0, 40.0, 60.0]), "degC") if term.text == "(oil - x0)"]
+    assert [term.scales["x0"].start for term in found] == [20.0, 30.0, 40.0, 50.0]
+    assert {(term.scales["x0"].low, term.scales["x0"].high) for term in found} == {(-40.0, 120.0)}
+
+
+@pytest.mark.parametrize(
+    ("unit", "free", "low", "sees"),
+    [("1", False, 1.0, True), ("", False, 1.0, True), ("degC", False, 1.0, False), ("degC", True, 1.0, True),
+     ("1", False, 90.0, False), ("1", False, 0.0, False)],
+)  # fmt: skip
+def test_a_logarithm_of_a_share_of_the_middle_needs_a_plain_number(
+    unit: str, free: bool, low: float, sees: bool
+) -> None:
+    """Over a wide range above 0: `free` formulas take the numbers as they are."""
+    found = shapes("oil", np.array([low, 60.0, 100.0]), unit, free=free)
+    assert any(term.centred and term.text.startswith("log(oil/") for term in found) == sees
+
+
+def _names(whole_runs: bool, taken: tuple[str, ...] = ()) -> Any:
+    case = SimpleNamespace(base=SimpleNamespace(whole_runs=whole_runs, own_dynamics=None), library=dict.fromkeys(taken))
+    return SimpleNamespace(case=case, sketches={}, effects={}, fits={})
+
+
+def test_a_formula_has_the_first_name_that_is_free_and_keeps_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ranker, "as_effect", lambda sketch, case, name: name)
+    one, same, other = (SimpleNamespace(target="y", text=text) for text in ("k*x", "k*x", "k*z"))
+    of: Any = _names(whole_runs=False)
+    assert [Ranker.expression(of, sketch) for sketch in (one, other, same, one)] == [  # type: ignore[arg-type]
+        "expression_1", "expression_2", "expression_3", "expression_1",
+    ]  # fmt: skip
+    of = _names(whole_runs=True, taken=("expression_1",))
+    assert [Ranker.expression(of, sketch) for sketch in (one, same, other)] == [  # type: ignore[arg-type]
+        "expression_2", "expression_2", "expression_3",
+    ]  # fmt: skip
+
+
+def test_what_a_search_found_is_kept_by_what_it_says() -> None:
+    found = SimpleNamespace(name="expression_7", target="y", expression="k*x", source=FOUND)
+    known = SimpleNamespace(name="drag", target="y", expression="c*v", source="catalogue")
+    fitted = [SimpleNamespace(effect=e, name=n, key=n) for e, n in ((None, "a"), ("drag", "c"), ("expression_7", "k"))]
+    model = SimpleNamespace(effects=(known, found), fitted=fitted)
+    of = _names(whole_runs=True)
+    of.fits = {
+        frozenset(): None,
+        frozenset(("drag", "expression_7")): SimpleNamespace(model=model, theta=np.arange(3.0)),
+    }
+    kept = {("", "a"): 0.0, ("drag", "c"): 1.0, ("y: k*x", "k"): 2.0}
+    assert Ranker.found(of) == {frozenset(("drag", "y: k*x")): kept}
+    of.case.base.whole_runs = False
+    assert Ranker.found(of) == {}
