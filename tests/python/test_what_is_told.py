@@ -246,3 +246,28 @@ def test_what_a_search_found_is_kept_by_what_it_says() -> None:
     assert Ranker.found(of) == {frozenset(("drag", "y: k*x")): kept}
     of.case.base.whole_runs = False
     assert Ranker.found(of) == {}
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "explains"),
+    [(3.0, 1.0, 1.0), (3.0, 2.0, 0.625), (3.0, 3.0, 0.0), (3.0, 4.0, -0.875), (3.0, 9.0, -1.0), (1.0, 0.5, 0.0),
+     (0.8, 0.5, 0.0), (2.0, 0.5, 1.0), (3.0, np.inf, -1.0)],
+)  # fmt: skip
+def test_an_effect_explains_its_share_of_what_is_above_the_noise(
+    monkeypatch: pytest.MonkeyPatch, before: float, after: float, explains: float
+) -> None:
+    rows = np.ones(4, dtype=bool)
+    fit: Any = SimpleNamespace(left=after, model=SimpleNamespace(effects=("a", "b"), channels=("f", "g")))
+    monkeypatch.setattr(discovery, "error", lambda fit, rows, sigma: fit.left)
+    monkeypatch.setattr(discovery, "measured", lambda model, rows: np.full((2, 4), 3.0))
+    monkeypatch.setattr(discovery, "predict", lambda fit, rows: np.array([[1.0] * 4, [-1.0] * 4]))
+    monkeypatch.setattr(discovery, "_kind", lambda *_: "effect")
+    case = SimpleNamespace(test=rows, train=rows)
+    analysis: Any = SimpleNamespace(case=case, fit=SimpleNamespace(left=before))
+    noise: Any = SimpleNamespace(sigma=np.ones(2))
+    found = discovery._candidate(analysis, Hypothesis(("b",), "catalogue", 0.0, fit), noise, np.ones(1), 0.7, 0.8)
+    assert found.explains == pytest.approx(explains)
+    assert str(found.effect) == "b"
+    assert (found.probability, found.column_probability) == (0.7, 0.8)
+    assert found.heldout_rmse == {"f": 2.0, "g": 4.0}
+    assert found.noise_ratio == (after if np.isfinite(after) else None)
