@@ -75,27 +75,23 @@ def test_three_steps_that_gain_next_to_nothing_end_a_search() -> None:
     assert theta[0] == pytest.approx(-3.0, abs=0.01)
 
 
-def _shapes(maximum: float) -> tuple[list[effect_columns.Shape], list[float]]:
-    """Of an addition exp(size) - 1, which is a line near 0 alone, and the sizes that were asked for."""
-    asked: list[float] = []
-
-    def near(sets: Array) -> Array:
-        asked.extend(sets[:, 0])
-        return np.expm1(sets[:, 0])[:, None, None] * ROWS[None, None, :]
-
-    bound = SimpleNamespace(near=near)
-    having = SimpleNamespace(bind=lambda *_: bound)
-    model: Any = SimpleNamespace(having=lambda _: having, case=SimpleNamespace(inputs={}))
-    size = SimpleNamespace(minimum=0.0, maximum=maximum, start=0.0, unit="1", lower=0.0, upper=maximum, grid=())
-    effect: Any = SimpleNamespace(name="bent", parameters=(size,))
-    rows = np.ones(len(ROWS), dtype=bool)
-    return effect_columns.shapes_of(model, np.zeros(0), effect, rows, np.ones(1)), asked
-
-
 @pytest.mark.parametrize("maximum", [1e-6, 0.5, 1.0, 400.0, 1e6, np.inf])
 def test_a_shape_is_what_a_small_size_does_within_its_range(monkeypatch: pytest.MonkeyPatch, maximum: float) -> None:
+    """Of an addition exp(size) - 1, which is a line near 0 alone."""
+    sizes: list[float] = []
+
+    def beside(_: object, theta: Array, asked: list[tuple[Any, Array]], rows: Array) -> list[Array]:
+        [(_, sets)] = asked
+        sizes.extend(sets[:, 0])
+        return [np.expm1(sets[:, 0])[:, None, None] * ROWS[None, None, :]]
+
+    monkeypatch.setattr(effect_columns, "beside", beside)
     monkeypatch.setattr(effect_columns, "is_phase", lambda _: False)
-    [shape], asked = _shapes(maximum)
-    assert all(0.0 <= size <= maximum for size in asked)
+    size = SimpleNamespace(minimum=0.0, maximum=maximum, start=0.0, unit="1", lower=0.0, upper=maximum, grid=())
+    effect: Any = SimpleNamespace(name="bent", parameters=(size,))
+    model: Any = None
+    rows = np.ones(len(ROWS), dtype=bool)
+    [shape] = effect_columns.shapes_of(model, np.zeros(0), effect, rows, np.ones(1))
+    assert all(0.0 <= size <= maximum for size in sizes)
     assert shape.scale == pytest.approx(1.0 / np.sqrt((ROWS * ROWS).mean()), rel=1e-3)
     assert shape.upper == pytest.approx(maximum / shape.scale)
