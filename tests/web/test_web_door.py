@@ -410,3 +410,28 @@ def test_json_that_a_route_would_stumble_over(body: bytes) -> None:
 def test_json_that_is_sound(body: bytes) -> None:
     """No body at all is none that is wrong."""
     assert visit([HOST, TOKEN, JSON], body=[body]).got[0]["body"] == body
+
+
+@pytest.mark.parametrize(
+    ("sizes", "gone", "ended"),
+    [([0], [], []), ([1], [0], []), ([1, 1], [0], []), ([9, 1], [0], []), ([1, 5], [1], [0]), ([-1, 0], [], [])],
+)
+def test_the_oldest_bodies_give_way_by_the_byte(sizes: list[int], gone: list[int], ended: list[int]) -> None:
+    """`sizes` beyond half of what all may hold together, of two at most; `ended`: bodies whose time is over already."""
+
+    class Deadline:
+        def __init__(self, is_over: bool) -> None:
+            self.is_over, self.at = is_over, None
+
+        def expired(self) -> bool:
+            return self.is_over
+
+        def reschedule(self, when: Any) -> None:
+            self.at = when
+
+    half = ALL_BODIES // len(sizes)
+    deadlines = [Deadline(place in ended) for place in range(len(sizes))]
+    bodies = security._Bodies()
+    bodies._held = {d: bytearray(half + more) for d, more in zip(deadlines, sizes, strict=True)}  # type: ignore[misc]
+    bodies._make_room()
+    assert [place for place, d in enumerate(deadlines) if d.at == 0.0] == gone
