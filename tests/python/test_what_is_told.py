@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from terrapin_tools.workbench.discover import decide, discovery, expression_answers, ranker
+from terrapin_tools.workbench.discover import decide, discovery, expression_answers, leftover, ranker
 from terrapin_tools.workbench.discover.decide import Class, weights
 from terrapin_tools.workbench.discover.misfit import explained
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
@@ -271,3 +271,33 @@ def test_an_effect_explains_its_share_of_what_is_above_the_noise(
     assert (found.probability, found.column_probability) == (0.7, 0.8)
     assert found.heldout_rmse == {"f": 2.0, "g": 4.0}
     assert found.noise_ratio == (after if np.isfinite(after) else None)
+
+
+@pytest.mark.parametrize(
+    ("longer", "shorter", "train", "known", "pays"),
+    [
+        (None, 2.0, 2.0, True, True),  # nothing is held out
+        (1.0, None, 2.0, True, True),
+        (2.0, 2.0, 2.0, True, False),  # the error must fall
+        (2.1, 2.0, 2.0, True, False),
+        (1.9, 2.0, 2.0, True, True),  # far above the noise any fall does
+        (1.0, 1.05, 1.5, True, True),  # on the training rows alone
+        (1.0, 1.05, 1.0, True, False),  # within the noise it must be significant: 0.05 of 0.06 that 50 rows ask
+        (1.0, 1.06, 1.0, True, True),
+        (0.5, 1.05, 1.0, True, False),  # below the noise is luck,
+        (0.5, 1.05, 1.0, False, True),  # or a noise that was estimated too large: half of it is left
+        (0.96, 1.05, 1.0, False, False),
+    ],
+)
+def test_a_further_formula_pays_by_the_heldout_error(
+    monkeypatch: pytest.MonkeyPatch, longer: float | None, shorter: float | None, train: float, known: bool, pays: bool
+) -> None:
+    held, trained = np.zeros(100, dtype=bool), np.zeros(100, dtype=bool)
+    held[:50], trained[50:] = True, True
+    case = SimpleNamespace(test=held, train=trained)
+    monkeypatch.setattr(leftover, "error", lambda fit, rows, _: fit.held if rows is held else fit.train)
+    monkeypatch.setattr(leftover, "allowed", lambda count, node: 1.2)
+    noise = SimpleNamespace(sigma=np.ones(1), node=SimpleNamespace(share=0.0, rho=0.0), known=np.array([known]))
+    analysis: Any = SimpleNamespace(case=case, noise=noise, level=0.05)
+    long, short = (SimpleNamespace(held=error, train=train) for error in (longer, shorter))
+    assert leftover.pays(analysis, long, short) == pays  # type: ignore[arg-type]
