@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -61,11 +62,6 @@ def discover(
 
     terrapin discover cases/heated_motor --plant viscous_friction=2sd --repeats 5
     """
-    from terrapin_tools.workbench.fleet import fleet
-    from terrapin_tools.workbench.story.answer import answer, keep
-    from terrapin_tools.workbench.story.explain import explain as reasons
-    from terrapin_tools.workbench.story.terminal import tell
-
     check_options(seed, jobs, level)
     if not 0 <= bootstrap <= MOST_DRAWS:
         raise UserError(f"--bootstrap: found {bootstrap}, expected 0 to {MOST_DRAWS}")
@@ -78,18 +74,24 @@ def discover(
         return
     if repeats:
         raise UserError("--repeats: expected together with --plant")
-    question = fleet.Question("discover", seed, level, bootstrap)
-    folders = fleet.cases_in(case)
-    if folders is not None:
+    single = (case / "case.toml").is_file()
+    with steps() if single else nullcontext(lambda text: None) as report:
+        report("reading the case")  # what is imported here takes a second or two
+        from terrapin_tools.workbench.fleet import fleet
+        from terrapin_tools.workbench.story.answer import answer, keep
+        from terrapin_tools.workbench.story.explain import explain as reasons
+        from terrapin_tools.workbench.story.terminal import tell
+
+        question = fleet.Question("discover", seed, level, bootstrap)
+        folders = fleet.cases_in(case)
+        story = fleet.answer_one(case, question, cluster, report) if folders is None else None
+    if folders is not None or story is None:
         if explain:
             raise UserError(f"--explain: {case} is a folder of cases, expected one case")
         from terrapin_tools.workbench.fleet.lines import answer_all
 
-        answer_all(folders, question, json, jobs, cluster, keep)
+        answer_all(folders or [], question, json, jobs, cluster, keep)
         return
-    with steps() as report:
-        report("reading the case")
-        story = fleet.answer_one(case, question, cluster, report)
     keep(case, story)  # `add` knows the expressions that it proposed, `report` and the page show it
     deliver(answer(story), "\n".join([tell(story), *([reasons(story)] if explain else [])]), json)
 
