@@ -202,6 +202,20 @@ def test_a_reference_is_looked_for_from_the_lowest_reading_on() -> None:
 
 
 @pytest.mark.parametrize(
+    ("values", "one_sign"),
+    [((0.0, 0.5, 0.8), True), ((-0.8, -0.5, 0.0), True), ((0.1, 3.0, 8.0), True), ((-0.1, 3.0, 8.0), False),
+     ((-8.0, -3.0, 0.1), False), ((-8.0, -3.0, 0.9), False)],
+)  # fmt: skip
+def test_a_column_of_one_sign_has_roots_and_one_of_both_has_sizes(values: tuple[float, ...], one_sign: bool) -> None:
+    found = {term.text for term in shapes("oil", np.array(values), "1")}
+    assert ("sign(oil)" in found) != one_sign
+    assert ("oil*abs(oil)" in found) != one_sign
+    magnitude = "oil" if values[0] >= 0.0 else "abs(oil)"
+    assert (f"sqrt({magnitude})" in found) == (one_sign or magnitude == "abs(oil)")
+    assert ("(oil - x0)" in found) == (values[0] >= 0.0)
+
+
+@pytest.mark.parametrize(
     ("unit", "free", "low", "sees"),
     [("1", False, 1.0, True), ("", False, 1.0, True), ("degC", False, 1.0, False), ("degC", True, 1.0, True),
      ("1", False, 90.0, False), ("1", False, 0.0, False)],
