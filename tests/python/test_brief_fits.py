@@ -53,7 +53,7 @@ def test_from_far_a_fit_that_may_come_below_the_floor_goes_on() -> None:
 
 
 def test_half_a_turn_of_a_phase_is_the_other_sign() -> None:
-    grid = list(product((0.0,), (2.0, 3.0), (-np.pi / 2, 0.0, np.pi / 2, np.pi)))
+    grid = list(product((0.0,), (2.0, 3.0), (-np.pi / 2, 0.0, np.pi / 2, np.pi, 1.5 * np.pi, 2.0 * np.pi)))
     apart, which, sign = fitting._half_turns(grid, (False, False, True))
     assert len(apart) == 4
     for (_, waves, phase), place, way in zip(grid, which, sign, strict=True):

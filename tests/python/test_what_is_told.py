@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.discover import decide, discovery, expression_answers, leftover, ranker
 from terrapin_tools.workbench.discover.decide import Class, weights
 from terrapin_tools.workbench.discover.misfit import explained
@@ -315,3 +318,30 @@ def test_a_further_formula_pays_by_the_heldout_error(
     analysis: Any = SimpleNamespace(case=case, noise=noise, level=0.05)
     long, short = (SimpleNamespace(held=error, train=train) for error in (longer, shorter))
     assert leftover.pays(analysis, long, short) == pays  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("value", "trouble", "told"),
+    [
+        (
+            np.nan,
+            "run r1: the motion has no number",
+            "here/case.toml: run r1: the motion has no number (after the fit)",
+        ),
+        (np.inf, "", "runs.csv:7: the model gives inf for f after the fit, expected a number"),
+        (1e150, "unasked", "runs.csv:7: the model gives 1e+150 for f after the fit, expected a number"),
+        (1e10, "unasked", ""),
+    ],
+)
+def test_a_model_without_numbers_says_why_or_where(value: float, trouble: str, told: str) -> None:
+    rows = np.array([False, True, True])
+    bound = SimpleNamespace(trouble=lambda theta: trouble)
+    model: Any = SimpleNamespace(bind=lambda inputs, rows: bound, channels=("f",))
+    case: Any = SimpleNamespace(folder=Path("here"), inputs={}, place=lambda row: f"runs.csv:{row + 5}")
+    given = (case, model, np.array([[1.0, value]]), np.zeros(1), rows, "after the fit")
+    if told:
+        with pytest.raises(UserError) as refused:
+            comparison._require_numbers(*given)
+        assert str(refused.value) == told
+    else:
+        comparison._require_numbers(*given)
