@@ -707,6 +707,18 @@ static void test_dead_time_is_never_shorter_than_asked(void) {
     TEST_ASSERT_EQUAL_HEX32(1U, bridge_dead_time(1000000000U, 1U));
 }
 
+/* The shortest that is not shorter, of all that the register knows; at 1 GHz a step is a nanosecond. */
+static void test_dead_time_is_the_shortest_of_all_codes(void) {
+    for (uint32_t ns = 0U; ns <= 1008U; ns++) {
+        uint32_t least = 0xFFFFFFFFU;
+        for (uint32_t code = 0U; code < 256U; code++) {
+            const uint32_t given = dead_ns(code, 1000000000U);
+            least = ((given >= ns) && (given < least)) ? given : least;
+        }
+        TEST_ASSERT_EQUAL_UINT32(least, dead_ns(bridge_dead_time(1000000000U, ns), 1000000000U));
+    }
+}
+
 /* What a channel of the timer makes of its two gates: RM0090, table 95 (complementary channels with break). */
 typedef enum { FLOATING, DRIVEN_OFF, SWITCHING, ONE_SIDE } gates;
 static gates gates_of(uint32_t channel) {
@@ -993,6 +1005,7 @@ int main(void) {
     RUN_TEST(test_absent_adc_is_silent);
     RUN_TEST(test_adc_overrun_begins_anew);
     RUN_TEST(test_dead_time_is_never_shorter_than_asked);
+    RUN_TEST(test_dead_time_is_the_shortest_of_all_codes);
     RUN_TEST(test_gates_are_held_off_from_the_start_and_after_each_off);
     RUN_TEST(test_bridge_follows_duty);
     RUN_TEST(test_break_holds_until_off_was_asked_for);
