@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.compare import comparison
+from terrapin_tools.workbench.compare import comparison, together
 from terrapin_tools.workbench.discover import decide, discovery, expression_answers, leftover, ranker
 from terrapin_tools.workbench.discover.decide import Class, weights
 from terrapin_tools.workbench.discover.misfit import explained
@@ -345,3 +345,16 @@ def test_a_model_without_numbers_says_why_or_where(value: float, trouble: str, t
         assert str(refused.value) == told
     else:
         comparison._require_numbers(*given)
+
+
+@pytest.mark.parametrize("value", [100.0, -0.02, 1.0, 0.0])
+def test_a_parameter_is_moved_by_a_share_of_itself(value: float) -> None:
+    """By so much of 1 where it is 0, and others follow by their slope at first."""
+    bound = SimpleNamespace(predict=lambda theta: np.zeros((1, 3)), jacobian=lambda theta: (np.zeros((1, 3)), None))
+    analysis: Any = SimpleNamespace(
+        fit=SimpleNamespace(theta=np.array([7.0, value]), bound=bound), noise=SimpleNamespace(sigma=np.ones(1))
+    )
+    nobody = np.zeros(0, dtype=np.int64)
+    found = together._moved(analysis, np.array([1]), 0, nobody, np.zeros(0))
+    assert found == pytest.approx([value + together.WAY * (abs(value) or 1.0)])
+    assert analysis.fit.theta[1] == value
