@@ -705,6 +705,7 @@ static void test_dead_time_is_never_shorter_than_asked(void) {
     TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(168000000U, 1000000U));
     TEST_ASSERT_EQUAL_HEX32(2U, bridge_dead_time(1000000001U, 1U)); /* a little more than one step is two */
     TEST_ASSERT_EQUAL_HEX32(1U, bridge_dead_time(1000000000U, 1U));
+    TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(1000000000U, 1009U)); /* the most that there is */
 }
 
 /* The shortest that is not shorter, of all that the register knows; at 1 GHz a step is a nanosecond. */
