@@ -12,6 +12,7 @@ import pytest
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.model import effect_columns, fitting
 from terrapin_tools.workbench.model.fitting import minimise
+from terrapin_tools.workbench.model.usual_sizes import usual_size
 
 ROWS = np.linspace(0.1, 1.0, 7)
 
@@ -95,3 +96,25 @@ def test_a_shape_is_what_a_small_size_does_within_its_range(monkeypatch: pytest.
     assert all(0.0 <= size <= maximum for size in sizes)
     assert shape.scale == pytest.approx(1.0 / np.sqrt((ROWS * ROWS).mean()), rel=1e-3)
     assert shape.upper == pytest.approx(maximum / shape.scale)
+
+
+@pytest.mark.parametrize(
+    ("usual", "size"),
+    [
+        ("0.1*k*w", 8.0),
+        ("-0.1*k*w", 8.0),
+        ("f/k", 1.5),
+        ("", None),
+        ("0.1*other", None),
+        ("k*0", None),
+        ("w/zero", None),
+    ],
+)
+def test_a_usual_size_is_that_of_the_case_s_largest_numbers(usual: str, size: float | None) -> None:
+    case: Any = SimpleNamespace(
+        fit={"k": SimpleNamespace(value=2.0)}, parameters={"zero": 0.0}, roles={"w": np.array([10.0, -40.0])},
+        channels={"f": np.array([-3.0, 1.0])},
+    )  # fmt: skip
+    effect: Any = SimpleNamespace(usual=usual)
+    found = usual_size(effect, case)
+    assert found == (None if size is None else pytest.approx(size))
