@@ -358,3 +358,24 @@ def test_a_parameter_is_moved_by_a_share_of_itself(value: float) -> None:
     found = together._moved(analysis, np.array([1]), 0, nobody, np.zeros(0))
     assert found == pytest.approx([value + together.WAY * (abs(value) or 1.0)])
     assert analysis.fit.theta[1] == value
+
+
+@pytest.mark.parametrize(
+    ("value", "slope", "moved", "amount", "gradient", "near"),
+    [
+        ([2.0, 3.0], -1.5, [2.2, 6.0 / 2.2], 6.0, [3.0, 2.0], False),  # a product stays
+        ([2.0, 3.0], -2.0, [2.2, 2.6], 7.0, [2.0, 1.0], False),  # a sum with a whole share
+        ([2.0, 3.0], -2.3, [2.2, 2.54], 7.6, [2.3, 1.0], False),  # and with another
+        ([0.0, 3.0], -2.0, [0.1, 2.8], 3.0, [2.0, 1.0], False),  # none of them may be 0 in a product
+        ([1.0, 3.0], -2.0, [1.1, 2.8], 5.0, [2.0, 1.0], False),
+        ([2.0, 3.0], -2.0, [2.2, 2.0], 7.0, [2.0, 1.0], True),  # near by only
+    ],
+)
+def test_what_stays_of_two_parameters_is_a_product_or_a_sum(
+    value: list[float], slope: float, moved: list[float], amount: float, gradient: list[float], near: bool
+) -> None:
+    pivots, slopes = np.array([0]), np.array([slope])
+    found = together._combination(["a", "b"], np.array(value), [np.array(moved)], 1, pivots, slopes)
+    assert found[1] == pytest.approx(amount)
+    assert found[2] == pytest.approx(gradient)
+    assert found[3] == near
