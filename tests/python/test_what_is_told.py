@@ -367,7 +367,7 @@ def test_a_parameter_is_moved_by_a_share_of_itself(value: float) -> None:
         ([2.0, 3.0], -2.0, [2.2, 2.6], 7.0, [2.0, 1.0], False),  # a sum with a whole share
         ([2.0, 3.0], -2.3, [2.2, 2.54], 7.6, [2.3, 1.0], False),  # and with another
         ([0.0, 3.0], -2.0, [0.1, 2.8], 3.0, [2.0, 1.0], False),  # none of them may be 0 in a product
-        ([1.0, 3.0], -2.0, [1.1, 2.8], 5.0, [2.0, 1.0], False),
+        ([1.0, 3.0], -3.0, [1.1, 3.0 / 1.1], 3.0, [3.0, 1.0], False),
         ([2.0, 3.0], -2.0, [2.2, 2.0], 7.0, [2.0, 1.0], True),  # near by only
     ],
 )
