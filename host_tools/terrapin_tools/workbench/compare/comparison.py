@@ -15,7 +15,7 @@ from itertools import islice
 
 import numpy as np
 
-from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.adequacy import Adequacy, Failure, assess, where_it_fails
@@ -37,7 +37,7 @@ from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
-from terrapin_tools.workbench.noise.mishaps import Mishap, mishaps
+from terrapin_tools.workbench.noise.mishaps import Mishap, in_most_runs, mishaps
 from terrapin_tools.workbench.noise.odd import ODD_SHARE, farthest, gathered, odd_limit
 from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
@@ -293,7 +293,11 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, h
         may_vary = np.concatenate([slopes, np.eye(len(sigma))[:, None, :] * prediction[..., None]], axis=-1)
     varying = varying_parameters(case, may_vary / sigma[:, None, None], rows)
     alternatives = {**effects, **terms_of(model, fits[-1].theta, rows, sigma)}
-    wrong = _mishaps(model, fits[-1].theta, prediction, rows, sigma)
+    wrong = [
+        one
+        for one in _mishaps(model, fits[-1].theta, prediction, rows, sigma)
+        if one.kind != "lag" or _lags(case.run[rows], residual / sigma[:, None], slopes / sigma[:, None, None], one)
+    ]
     felt = _felt(model, fits[-1].theta, prediction, rows, sigma)
     adequacy = assess(
         case, residual, widened, prediction, noise, directions, alternatives, shapes, rows, seed, varying, wrong, felt
@@ -363,6 +367,24 @@ def _mishaps(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: A
         rolls = acting(model, theta, GROUND, rows, sigma)
         slopes = rolls(np.asarray(1.0 * (np.unique(runs.run)[:, None] == runs.run)))
     return mishaps(runs, act, model.case.base.whole_runs, slopes)
+
+
+def _lags(run: Index, residual: Array, slopes: Array, lag: Mishap) -> bool:
+    """Whether a lag, fitted beside the parameters, takes something off in most runs: all in noise sd."""
+    _, place, count = np.unique(run, return_inverse=True, return_counts=True)
+
+    def within(columns: Array) -> Array:  # without each run's mean: (channels * rows, count)
+        split = columns.reshape(len(residual), len(run), -1)
+        free = [[one - (np.bincount(place, one) / count)[place] for one in channel.T] for channel in split]
+        turned = np.reshape(free, (len(split), split.shape[2], len(run)))
+        return np.asarray(np.swapaxes(turned, 1, 2)).reshape(residual.size, split.shape[2])
+
+    gap, base, late = within(residual)[:, 0], within(slopes), within(lag.columns)
+
+    def left(columns: Array) -> Array:
+        return np.asarray(gap - columns @ np.linalg.lstsq(columns, gap, rcond=None)[0]).reshape(residual.shape)
+
+    return in_most_runs(run, left(base), left(np.concatenate([base, late], axis=1)))
 
 
 # Fits of the ladder, the noise, the columns of noisy inputs (channels, rows, count) in the channels' units, and the

@@ -14,11 +14,12 @@ import numpy as np
 
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import formula_name
-from terrapin_tools.workbench.compare.comparison import predict
+from terrapin_tools.workbench.compare.comparison import measured, predict
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.model.effect_columns import Shape, shapes_of
 from terrapin_tools.workbench.model.fitting import Fit, extend
 from terrapin_tools.workbench.model.table_faults import UNUSUAL, Fault
+from terrapin_tools.workbench.noise.mishaps import in_most_runs
 
 __all__ = ["beside_constants", "table_answers"]
 
@@ -91,7 +92,7 @@ def _look(ranker: Ranker, fault: Fault) -> _Looked | None:
     else:
         train = faulty.bind(ranker.case.inputs, ranker.case.train)
         fit = extend(present, fault.name, train, ranker.train, ranker.sigma, [ranker.model.start])
-        if not np.isfinite(predict(fit, ranker.rows)).all():
+        if not np.isfinite(predict(fit, ranker.rows)).all() or (fault.late and not _in_most_runs(ranker, present, fit)):
             return None
         beyond = ranker.beyond(fit)
         if not np.isfinite(beyond.total).all() or not np.isfinite(beyond.nothing):  # no longer a fit at all
@@ -102,6 +103,11 @@ def _look(ranker: Ranker, fault: Fault) -> _Looked | None:
         return None if beyond is ranker.evidence else _Looked(fault, alone, -np.inf, "")
     name = max(averages, key=lambda n: averages[n])
     return _Looked(fault, alone, averages[name] - fault.cost, name)
+
+
+def _in_most_runs(ranker: Ranker, before: Fit, after: Fit) -> bool:
+    gaps = [measured(ranker.model, ranker.rows) - predict(fit, ranker.rows) for fit in (before, after)]
+    return in_most_runs(ranker.case.run[ranker.rows], *(gap / ranker.sigma[:, None] for gap in gaps))
 
 
 def _shapes(ranker: Ranker, fault: Fault, fit: Fit, others: bool) -> list[Shape]:

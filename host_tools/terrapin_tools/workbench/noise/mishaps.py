@@ -13,10 +13,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.noise.covariance import Runs, carried, doublings
 
-__all__ = ["KINDS", "Mishap", "mishaps"]
+__all__ = ["KINDS", "Mishap", "in_most_runs", "mishaps"]
 
 KINDS = ("run", "slope", "change", "warming", "start", "lag")
 # Runs from which it is looked for; by hand, that on a slope as an odd run.
@@ -64,6 +64,21 @@ def mishaps(runs: Runs, act: Act, whole_runs: bool, slopes: Array | None = None)
         found += [Mishap("start", None, _off(runs, act, rows)) for rows in settled]
         found += [Mishap("lag", None, _lagging(runs, act, share)) for share in LAGS]
     return [one for one in found if len(numbers) >= FEWEST[one.kind]]
+
+
+def in_most_runs(run: Index, before: Array, after: Array) -> bool:
+    """Whether what is left (channels, rows), in noise sd and without each run's mean, is less in half of the runs.
+
+    An instrument that comes late does so in all of them. Some rows that no model explains ask for it, too: a supply at
+    its limit in 5 of 104 runs had a voltage that comes late at 0.99, while 93 of them say that it is in time.
+    """
+    _, place, count = np.unique(run, return_inverse=True, return_counts=True)
+
+    def squares(left: Array) -> Array:
+        each = [np.bincount(place, one**2) - np.bincount(place, one) ** 2 / count for one in left]
+        return np.asarray(np.sum(each, axis=0))
+
+    return bool(np.mean(squares(after) < squares(before)) >= 0.5)
 
 
 def _off(runs: Runs, act: Act, rows: Array | Mask) -> Array:
