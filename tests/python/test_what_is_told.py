@@ -11,7 +11,10 @@ import numpy as np
 import pytest
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare import comparison, together
+from terrapin_tools.workbench.compare.comparison import analyse, free_slopes
+from terrapin_tools.workbench.compare.input_noise import input_noise
 from terrapin_tools.workbench.discover import decide, discovery, expression_answers, leftover, ranker
 from terrapin_tools.workbench.discover.decide import Class, weights
 from terrapin_tools.workbench.discover.misfit import explained
@@ -379,3 +382,26 @@ def test_what_stays_of_two_parameters_is_a_product_or_a_sum(
     assert found[1] == pytest.approx(amount)
     assert found[2] == pytest.approx(gradient)
     assert found[3] == near
+
+
+def test_noise_of_an_input_is_that_of_what_no_parameter_takes(tmp_path: Path) -> None:
+    """A brake whose load is read with noise, and steady in each run: its noise shows in what is left, however far the
+    parameter lies beside its optimum."""
+    random = np.random.default_rng(3)
+    load = np.repeat(random.uniform(20.0, 60.0, 12), 20)
+    torque = 0.02 * load + 0.002 * random.standard_normal(load.size)
+    read = load + 0.5 * random.standard_normal(load.size)
+    lines = [f"{row // 20},{one:.9g},{two:.9g}" for row, (one, two) in enumerate(zip(read, torque, strict=True))]
+    (tmp_path / "runs.csv").write_text("\n".join(["run,load,torque", *lines]) + "\n")
+    (tmp_path / "case.toml").write_text(
+        '[model]\nbase = "equation"\n[model.equation]\ntorque = "a*load"\n[fit]\na = { value = 0.01 }\n'
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\n'
+        'load = { column = "load", unit = "N" }\ntorque = { column = "torque", unit = "N m", sigma = 0.002 }\n'
+    )
+    found = analyse(load_case(tmp_path))
+    rows, sigma = found.rows, found.noise.sigma
+    _, residual, slopes = free_slopes(found.fit, sigma, rows)
+    beside = residual + 1e4 * sigma * slopes[..., 0] / np.sqrt(np.mean(slopes[..., 0] ** 2))
+    for left in (residual, beside):
+        columns = input_noise(found.fit, rows, left, slopes, sigma, found.noise.node, ~found.noise.known)
+        assert columns.shape == (1, int(rows.sum()), 1)
