@@ -483,17 +483,25 @@ static void test_a_start_is_healthy_once(void) {
     TEST_ASSERT_EQUAL_UINT32(1U, healthy);
 }
 
-/* Who has not the key cannot make it leave its work, nor write another image: such a frame waits for its seal. */
-static void test_with_a_key_an_update_waits_for_its_seal(void) {
+/* The updates of an empty flash. */
+static terrapin_update *empty_update(void) {
     static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
     static const uint8_t keys[64] = {0};
-    static const uint32_t link_key[4] = {1U, 2U, 3U, 4U};
     static terrapin_flash_emulated chip_memory;
+    static terrapin_flash flash;
+    static terrapin_boot boot;
     static terrapin_update update;
     memset(bytes, 0xFF, sizeof bytes);
     terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
-    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
-    const terrapin_boot boot = {.flash = &flash, .keys = keys};
+    flash = terrapin_flash_emulated_driver(&chip_memory);
+    boot = (terrapin_boot){.flash = &flash, .keys = keys};
+    terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
+    return &update;
+}
+
+/* Who has not the key cannot make it leave its work, nor write another image: such a frame waits for its seal. */
+static void test_with_a_key_an_update_waits_for_its_seal(void) {
+    static const uint32_t link_key[4] = {1U, 2U, 3U, 4U};
     hardware_facts hardware = plain();
     const terrapin_update_reset_t message = {.key = TERRAPIN_UPDATE_RESET_KEY, .stay = 0};
     terrapin_frame frame = {0};
@@ -501,8 +509,7 @@ static void test_with_a_key_an_update_waits_for_its_seal(void) {
     for (uint32_t sealed = 2U; sealed > 0U; sealed--) {
         hardware.link_key = (sealed == 2U) ? link_key : NULL;
         hardware.link_generation = (sealed == 2U) ? 1U : 0U;
-        terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
-        port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
+        port_open(&controller, state, &bus, &line, NULL, empty_update(), &hardware);
         (void)port_pass(&controller, controller.tick + 1U);
         for (uint32_t counter = 0U; counter < 2U; counter++) {
             terrapin_e2e_protect(&frame, (uint8_t)counter);
@@ -514,17 +521,8 @@ static void test_with_a_key_an_update_waits_for_its_seal(void) {
 }
 
 static void test_update_resets_with_the_motor_off_alone(void) {
-    static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
-    static const uint8_t keys[64] = {0};
-    static terrapin_flash_emulated chip_memory;
-    static terrapin_update update;
-    memset(bytes, 0xFF, sizeof bytes);
-    terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
-    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
-    const terrapin_boot boot = {.flash = &flash, .keys = keys};
     const hardware_facts hardware = plain();
-    terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
-    port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
+    port_open(&controller, state, &bus, &line, NULL, empty_update(), &hardware);
     (void)ticks(1000U, TERRAPIN_REQUEST_IDLE);
     TEST_ASSERT_TRUE(ticks(UNTIL_RUN, TERRAPIN_REQUEST_RUN));
     const terrapin_update_reset_t message = {.key = TERRAPIN_UPDATE_RESET_KEY, .stay = 1};
@@ -555,18 +553,10 @@ static void test_update_resets_with_the_motor_off_alone(void) {
 /* ---- a node of its own */
 
 static void test_a_node_has_identifiers_of_its_own(void) {
-    static uint8_t bytes[TERRAPIN_FLASH_F405_SIZE];
-    static terrapin_flash_emulated chip_memory;
-    static terrapin_update update;
-    memset(bytes, 0xFF, sizeof bytes);
-    terrapin_flash_emulated_init(&chip_memory, bytes, terrapin_flash_f405_sectors, TERRAPIN_FLASH_F405_SECTORS, 4U);
-    const terrapin_flash flash = terrapin_flash_emulated_driver(&chip_memory);
-    const terrapin_boot boot = {.flash = &flash};
     hardware_facts hardware = plain();
     hardware.node = 3U;
     hardware.unique = 0x12345678U;
-    terrapin_update_init(&update, &boot, TERRAPIN_UPDATE_SLOT_A);
-    port_open(&controller, state, &bus, &line, NULL, &update, &hardware);
+    port_open(&controller, state, &bus, &line, NULL, empty_update(), &hardware);
     const terrapin_parameter_read_t question = {.index = 0};
     terrapin_frame frame = {0};
     (void)terrapin_encode_parameter_read(&question, &frame);

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -74,26 +73,25 @@ def discover(
         return
     if repeats:
         raise UserError("--repeats: expected together with --plant")
-    single = (case / "case.toml").is_file()
-    with steps() if single else nullcontext(lambda text: None) as report:
-        report("reading the case")  # what is imported here takes a second or two
+    with steps() as report:
+        if (case / "case.toml").is_file():
+            report("reading the case")  # what is imported here takes a second or two
         from terrapin_tools.workbench.fleet import fleet
         from terrapin_tools.workbench.story.answer import answer, keep
         from terrapin_tools.workbench.story.explain import explain as reasons
         from terrapin_tools.workbench.story.terminal import tell
 
         question = fleet.Question("discover", seed, level, bootstrap)
-        folders = fleet.cases_in(case)
-        story = fleet.answer_one(case, question, cluster, report) if folders is None else None
-    if folders is not None or story is None:
+        found = fleet.cases_in(case) or fleet.answer_one(case, question, cluster, report)
+    if isinstance(found, list):
         if explain:
             raise UserError(f"--explain: {case} is a folder of cases, expected one case")
         from terrapin_tools.workbench.fleet.lines import answer_all
 
-        answer_all(folders or [], question, json, jobs, cluster, keep)
+        answer_all(found, question, json, jobs, cluster, keep)
         return
-    keep(case, story)  # `add` knows the expressions that it proposed, `report` and the page show it
-    deliver(answer(story), "\n".join([tell(story), *([reasons(story)] if explain else [])]), json)
+    keep(case, found)  # `add` knows the expressions that it proposed, `report` and the page show it
+    deliver(answer(found), "\n".join([tell(found), *([reasons(found)] if explain else [])]), json)
 
 
 def _plant(

@@ -37,7 +37,7 @@ from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.estimate import Noise, estimate_noise, least_noise
-from terrapin_tools.workbench.noise.mishaps import Mishap, in_most_runs, mishaps
+from terrapin_tools.workbench.noise.mishaps import Mishap, in_most_runs, mishaps, within_runs
 from terrapin_tools.workbench.noise.odd import ODD_SHARE, farthest, gathered, odd_limit
 from terrapin_tools.workbench.noise.stated import followed
 from terrapin_tools.workbench.noise.stuck import clipped_rows, stuck_rows
@@ -371,20 +371,14 @@ def _mishaps(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: A
 
 def _lags(run: Index, residual: Array, slopes: Array, lag: Mishap) -> bool:
     """Whether a lag, fitted beside the parameters, takes something off in most runs: all in noise sd."""
-    _, place, count = np.unique(run, return_inverse=True, return_counts=True)
-
-    def within(columns: Array) -> Array:  # without each run's mean: (channels * rows, count)
-        split = columns.reshape(len(residual), len(run), -1)
-        free = [[one - (np.bincount(place, one) / count)[place] for one in channel.T] for channel in split]
-        turned = np.reshape(free, (len(split), split.shape[2], len(run)))
-        return np.asarray(np.swapaxes(turned, 1, 2)).reshape(residual.size, split.shape[2])
-
-    gap, base, late = within(residual)[:, 0], within(slopes), within(lag.columns)
+    late = lag.columns.reshape(*residual.shape, -1)
+    taken = [within_runs(run, np.moveaxis(one, -1, 0)).reshape(-1, residual.size) for one in (slopes, late)]
+    gap = within_runs(run, residual).ravel()
 
     def left(columns: Array) -> Array:
-        return np.asarray(gap - columns @ np.linalg.lstsq(columns, gap, rcond=None)[0]).reshape(residual.shape)
+        return np.asarray(gap - np.linalg.lstsq(columns.T, gap, rcond=None)[0] @ columns).reshape(residual.shape)
 
-    return in_most_runs(run, left(base), left(np.concatenate([base, late], axis=1)))
+    return in_most_runs(run, left(taken[0]), left(np.concatenate(taken)))
 
 
 # Fits of the ladder, the noise, the columns of noisy inputs (channels, rows, count) in the channels' units, and the

@@ -16,6 +16,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.kinds import Node
+from terrapin_tools.workbench.noise.mishaps import within_runs
 
 __all__ = ["input_noise", "undecided"]
 
@@ -71,8 +72,7 @@ def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
     constant in the runs, or its deviations are no noise."""
     inputs = fit.model.case.inputs
     values, runs = inputs[name][rows], Runs(fit.model.case.run[rows])
-    mean = np.bincount(runs.run, values) / np.maximum(np.bincount(runs.run), 1)
-    off = values - mean[runs.run]
+    off = within_runs(runs.run, values)
     span = float(np.ptp(inputs[name]))
     if runs.length.min() < 3 or float(np.abs(off).max()) <= 1e-9 * max(span, 1e-300):
         return None
@@ -84,7 +84,7 @@ def _column(fit: Fit, name: str, rows: Mask) -> Array | None:
     if neighbours - expected > LIKE_NOISE / np.sqrt(len(off)):
         return None
     still = inputs[name].copy()
-    still[rows] = mean[runs.run]
+    still[rows] = values - off
     with np.errstate(all="ignore"):
         held = fit.model.bind({**inputs, name: still}, rows).predict(fit.theta)
         column = fit.model.bind(inputs, rows).predict(fit.theta) - held

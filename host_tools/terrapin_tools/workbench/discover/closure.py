@@ -22,7 +22,7 @@ __all__ = ["neighbours", "twins"]
 
 CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
 CENTRES = 6  # answers whose neighbours are looked at, or as many more that lead in turn; chosen by hand, for time
-REFITS = 60  # from which only what leads has neighbours, and at twice as many nothing has; chosen by hand, for time
+REFITS = 60  # from which only what leads has neighbours; chosen by hand, for time
 ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
@@ -52,10 +52,7 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         if not waiting:
             break
         centre = max(waiting, key=lambda h: h.log_weight)
-        refitted = len(known) - begun
-        if refitted > 2 * REFITS:
-            break  # a car over time, 1 s a refit, had one leader after the other, and no end within 20 minutes
-        if (len(looked_at) >= CENTRES or refitted > REFITS) and centre.log_weight < best:
+        if (len(looked_at) >= CENTRES or len(known) - begun > REFITS) and centre.log_weight < best:
             break  # what lies next to the best is looked at in any case
         looked_at.add(frozenset(centre.effects))
         kept = (
