@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from playwright.sync_api import Browser, Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, Route, expect
 from serving import Server
 
 
@@ -96,6 +96,8 @@ def test_a_zoom_is_refined_from_the_server(page: Page, server: Server, browser: 
     for row, noise in zip(made, np.random.default_rng(1).normal(0.0, 1.5, 60_000), strict=True):
         row[current] = f"{float(row[current]) + noise:.4f}"
     (folder / "runs.csv").write_text("\n".join([head, *map(",".join, made)]) + "\n")
+    late: list[Route] = []
+    page.route("**/api/cases", lambda route: late.append(route))  # the other cases are known only after the zoom
     page.goto(f"{server.line}#workbench/many")
     expect(page.locator(".lead .chip")).to_be_visible()
     overlay, said = page.locator(".plots .plot:not(.ladder)").first, page.locator(".plots [role=status]")
@@ -107,6 +109,12 @@ def test_a_zoom_is_refined_from_the_server(page: Page, server: Server, browser: 
     drag(page, canvas, (0.3, 0.1), (0.45, 0.9))
     expect(overlay).to_have_attribute("data-refined", re.compile(r"\d+"))
     expect(said).to_contain_text("rows in this part are drawn")
+    for one in late:
+        one.continue_()
+    page.unroute("**/api/cases")
+    expect(page.get_by_label("Compare with", exact=True).locator("option").first).to_be_attached()
+    page.wait_for_timeout(200)  # longer than a zoom waits before it asks
+    assert len(late) >= 1
     assert len(asked) == 1
     page.keyboard.down("Shift")
     drag(page, canvas, (0.1, 0.02), (0.9, 0.9))

@@ -40,7 +40,7 @@ export class CompareWith {
   }
 
   async fetch() {
-    const { page } = this, turn = ++this.turn;
+    const { page } = this, turn = ++this.turn, before = this.other;
     /** @type {Other | null} */
     let other = null;
     let wrong = '';
@@ -50,7 +50,7 @@ export class CompareWith {
     page.plots.apart = this.way.value === 'apart';
     this.way.hidden = !other;
     this.check();
-    page.draw();
+    if (before || other) page.draw(); // drawn anew, a zoom asks for its rows again
     if (wrong) this.said.replaceChildren(h('p', { class: 'notice bad', text: wrong }));
   }
 
