@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from terrapin_hil.effect_files import read_effect_file
 from terrapin_hil.physics.effects import catalogue
+from terrapin_hil.physics.expression import parse
 from terrapin_hil.reading import ReadingError, parse_quantity
 from terrapin_hil.robot.compiled_effects import ActiveEffect, EffectError, compile_effects
 from terrapin_hil.robot.plant import TERRAINS
@@ -230,6 +233,19 @@ def test_wrong_checks_are_refused(text: str, message: str) -> None:
 def test_checks_that_do_not_fit_the_run(text: str, message: str) -> None:
     with pytest.raises(CheckError, match=message):
         parse_check(text).evaluate(TIME, SIGNALS, ENUMS)
+
+
+@pytest.mark.parametrize("text", ["1if", "max(slip) < 1and 1 < 2", r"any(A.state == '\d')"])
+def test_python_says_nothing_of_a_text_of_the_user(text: str, tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    """Its parser takes the text for code of ours, and would tell on the terminal what is odd in it."""
+    (tmp_path / "effect.py").write_text(text)
+    with suppress(CheckError):
+        parse_check(text)
+    with suppress(ValueError):
+        parse(text)
+    with suppress(ReadingError):
+        read_effect_file(tmp_path / "effect.py")
+    assert [str(one.message) for one in recwarn] == []
 
 
 @given(st.text(alphabet="maxslip()[]<>=.0123456789 +-*/'andort", max_size=40))

@@ -73,3 +73,14 @@ def test_where_the_model_has_no_numbers_the_others_are_not_followed(wrong: str) 
     step = moved[0] - 2.0
     assert step > 0.0
     np.testing.assert_allclose(moved[1], 3.0 - 1.5 * step)
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_one_of_the_group_that_is_0_leaves_the_others_uncertainty_as_it_is() -> None:
+    """It is no part of what the others determine: no "nan" for its sake, and no warning."""
+    value = np.array([2.0, 4.0, 0.0])
+    moved = [value * [1.1, 1.1, 1.0]]
+    found = module._combination(["a", "b", "c"], value, moved, 0, np.array([1]), np.array([0.5]))
+    assert found[0] == "a/b"
+    assert found[1] == 0.5
+    np.testing.assert_allclose(found[2], [1.0 / 4.0, -2.0 / 16.0, 0.0])

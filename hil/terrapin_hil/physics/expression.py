@@ -15,7 +15,10 @@ from __future__ import annotations
 
 import ast
 import math
-from collections.abc import Mapping
+import threading
+import warnings
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -28,10 +31,11 @@ from terrapin_hil.units import read_unit, units
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["FUNCTIONS", "Expression", "parse", "units"]
+__all__ = ["FUNCTIONS", "Expression", "parse", "quiet", "units"]
 
 
 MAX_LENGTH = 1000  # characters; keeps the parser's and our own recursion bounded
+_QUIET = threading.Lock()  # the filter of warnings is one for all threads
 MAX_DEPTH = 150  # of operations inside each other (a sum of n terms has n): everything below follows the tree
 
 
@@ -86,6 +90,14 @@ _NUMPY: dict[str, Any] = {
 }
 
 
+@contextmanager
+def quiet() -> Iterator[None]:
+    """Python's parser warns of a text of somebody else's, such as "1if", as if it were our code; not in here."""
+    with _QUIET, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
+
+
 @lru_cache(maxsize=1024)
 def parse(text: str) -> Expression:
     """Read a formula. ValueError with the column (from 1) and the reason when it is not one.
@@ -105,7 +117,8 @@ def parse(text: str) -> Expression:
         raise ValueError("column 1: empty formula")
     offset = len(text) - len(text.lstrip())
     try:
-        tree = ast.parse(stripped, mode="eval")
+        with quiet():
+            tree = ast.parse(stripped, mode="eval")
     except SyntaxError as error:
         raise ValueError(f"column {(error.offset or 1) + offset}: not a formula: {error.msg}") from None
     except (ValueError, MemoryError, RecursionError) as error:

@@ -19,6 +19,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.errors import UserError
+from terrapin_hil.physics.expression import quiet
 
 __all__ = ["Check", "CheckError", "Outcome", "parse_check", "parse_number"]
 
@@ -253,7 +254,8 @@ def _parsed(text: str) -> ast.expr:
     if len(text) > 500:
         raise CheckError("longer than 500 characters")
     try:
-        tree = ast.parse(text.strip(), mode="eval").body
+        with quiet():
+            tree = ast.parse(text.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         reason = error.msg if isinstance(error, SyntaxError) else "no expression"
         raise CheckError(f"cannot be read: {reason}") from None

@@ -148,7 +148,9 @@ def _combination(
             amount = float(np.prod(value**shares))
             change = [abs(float(np.prod(one**shares) / np.float64(amount)) - 1.0) for one in moved]
         if np.abs(powers - exact).max() < ROUND and np.max(change) < STAYS:
-            return _product(names, shares), amount, amount * shares / value, False
+            with np.errstate(all="ignore"):  # one that is no part of it may be 0
+                gradient = np.where(shares != 0.0, amount * shares / value, 0.0)
+            return _product(names, shares), amount, gradient, False
     whole = np.round(slopes)
     shares[pivots] = -np.where(np.abs(whole - slopes) < STAYS, whole, slopes)
     off = [abs(float(shares @ (one - value))) > 10.0 * STAYS * abs(one[other] - value[other]) for one in moved]
