@@ -194,7 +194,7 @@ def test_a_model_is_off_everywhere_when_a_constant_does_most() -> None:
 
     def ranges(**gain: float) -> list[tuple[str, float, float]]:
         named = {name.replace("_", ":"): value for name, value in gain.items()}
-        found = where_it_fails(case, Adequacy(0.0, 9.0, "", named), off, all_rows, {"u": u}, ("a", "b"))
+        found = where_it_fails(case, Adequacy(0.0, 9.0, named), off, all_rows, {"u": u}, ("a", "b"))
         return [(one.channel, one.low, one.high) for one in found]
 
     assert ranges(column_u_0=2.0, constant__0=5.0) == [("a", 0.0, 1.0)]

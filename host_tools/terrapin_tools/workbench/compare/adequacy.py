@@ -58,7 +58,6 @@ class Adequacy:
 
     p_value: float
     log_bayes_factor: float  # of "something" against "nothing"
-    strongest: str  # label of the alternative with the largest gain
     gain: Mapping[str, float]  # by alternative: what it would take from n log(sum of squares), penalised for its size
 
 
@@ -142,9 +141,8 @@ def assess(
         drawn *= np.sqrt(STATED / random.chisquare(STATED, drawn.shape[1]))
     null, _ = statistic(drawn)
     gain = _gains(runs, slopes, scaled, noise.node, _alternatives(directions, shapes, run, noise.sigma))
-    strongest = max(gain, key=lambda label: gain[label]) if gain else "sum of squares"
     p_value = float(np.clip(MARGIN_OF_LEVEL * _p_value(float(observed[0]), null), TINY, 1.0))
-    return Adequacy(p_value, float(observed[0]), strongest, gain)
+    return Adequacy(p_value, float(observed[0]), gain)
 
 
 def _simulated(runs: Runs, nodes: Sequence[int], posterior: Array, random: np.random.Generator) -> Array:
