@@ -190,15 +190,15 @@ def test_the_sd_of_a_mean_of_runs_that_differ_is_that_of_their_means(tmp_path: P
 
 
 def test_parameters_that_are_known_well_are_told_apart_however_alike_their_columns(tmp_path: Path) -> None:
-    """To half a per cent: their columns differ by a hundredth, and the noise is that small."""
+    """To a tenth: their columns differ by less than a hundredth, and the noise is small enough for that."""
     random = np.random.default_rng(3)
     x = random.uniform(1.0, 5.0, 100)
     z = x + 0.02 * random.standard_normal(100)
-    y = x + z + 1e-3 * random.standard_normal(100)
+    y = x + z + 0.02 * random.standard_normal(100)
     rows = list(zip(np.arange(100) // 10, x, z, y, strict=True))
     fit = "a = { value = 0.9 }\nb = { value = 1.1 }"
-    found = analyse(load_case(_case(tmp_path, "a*x + b*z", fit, rows, 1e-3)))
-    assert found.sd.max() < 0.01
+    found = analyse(load_case(_case(tmp_path, "a*x + b*z", fit, rows, 0.02)))
+    assert found.sd == pytest.approx([0.1, 0.1], rel=0.5)
     assert together.together(found) == []
 
 
