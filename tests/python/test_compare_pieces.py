@@ -10,16 +10,31 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
+from terrapin_hil.arrays import Array
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.compare import together
-from terrapin_tools.workbench.compare.adequacy import Adequacy, _Alternative, _gains, failure_on, where_it_fails
-from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.compare import comparison, groups, together
+from terrapin_tools.workbench.compare.adequacy import (
+    Adequacy,
+    _Alternative,
+    _by_effect,
+    _gains,
+    _simulated,
+    failure_on,
+    where_it_fails,
+)  # fmt: skip
+from terrapin_tools.workbench.compare.bayes_factor import blocks_of
+from terrapin_tools.workbench.compare.comparison import _base_starts, analyse
+from terrapin_tools.workbench.compare.input_noise import undecided
 from terrapin_tools.workbench.compare.intervals import _side
 from terrapin_tools.workbench.compare.noise_findings import noise_findings
+from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import NODES, Node
+from terrapin_tools.workbench.noise.mishaps import Mishap
 
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 CASE = """[model]
@@ -223,3 +238,165 @@ def test_a_parameter_that_nothing_determines_has_an_open_interval(
         raise AssertionError("there is nothing to look for")
 
     assert _side(analysis, refit, 0, 1.0, 1.0) == end
+
+
+def test_every_alternative_has_its_share_of_its_family() -> None:
+    """An effect's shapes share its own, a column's stand in each channel; each column of a mishap is one."""
+    runs = Runs(np.zeros(5, dtype=np.int64), 2)
+    random = np.random.default_rng(8)
+
+    def shape() -> Any:
+        return SimpleNamespace(columns=random.standard_normal((10, 1)))
+
+    effects = {"drag": [shape(), shape()], "none": [], "gear": [shape()]}
+    together_, singly = random.standard_normal((3, 5)), random.standard_normal((2, 5))
+    shapes = {"": Shapes(np.zeros((0, 5)), singly[:1]), "load": Shapes(together_, singly)}
+    varying = [random.standard_normal((10, 1)) for _ in range(4)]
+    wrong = [Mishap("run", one, random.standard_normal((10, 4))) for one in range(3)]
+    wrong += [Mishap("slope", 1, random.standard_normal((10, 1)))]
+    found = blocks_of(effects, shapes, runs, varying, wrong)
+    of = {family: [one for one in found if one.family == family] for family in {one.family for one in found}}
+    assert {family: len(blocks) for family, blocks in of.items()} == {
+        "catalogue": 3, "column": 2 * (1 + 3), "varying": 4, "run": 12, "slope": 1
+    }  # fmt: skip
+    for blocks in of.values():
+        assert sum(one.share for one in blocks) == pytest.approx(1.0)
+    assert [one.share for one in of["catalogue"]] == [0.25, 0.25, 0.5]
+    assert [one.share for one in of["column"]] == pytest.approx([0.25] * 2 + [1.0 / 12.0] * 6)
+    first, second = of["column"][2], of["column"][5]
+    np.testing.assert_allclose(first.columns, np.concatenate([together_.T, np.zeros((5, 3))]))
+    np.testing.assert_allclose(second.columns, np.concatenate([np.zeros((5, 3)), together_.T]))
+    np.testing.assert_allclose(of["run"][5].columns, wrong[1].columns[:, 1:2])
+
+
+def test_noise_is_simulated_of_each_kind_as_often_as_it_is_likely() -> None:
+    runs = Runs(np.repeat(np.arange(10), 4))
+    offsets = next(i for i, node in enumerate(NODES) if node.offset == 2.0 and not node.share)
+    drawn = _simulated(runs, [0, offsets], np.array([0.75, 0.25]), np.random.default_rng(1))
+    assert drawn.shape == (40, 400)
+    within = drawn.reshape(10, 4, 400).mean(axis=1).std(axis=0)
+    assert (within > 1.0).sum() == pytest.approx(100, abs=5)
+    assert drawn[:, within < 1.0].std() == pytest.approx(1.0, abs=0.03)
+
+
+def test_a_role_gains_by_the_effects_that_need_it() -> None:
+    """Less what their number of shapes would find by chance; of roles of which one must be there, the first that is."""
+    order = Parameter("n", "1", 1.0, grid=(1.0, 2.0, 3.0, 4.0))
+    library = {
+        "wave": Effect("wave", "", "", "", (), (Parameter("a", "N", 0.0), order), (("angle", "position"),), "a", "y"),
+        "drag": Effect("drag", "", "", "", (), (Parameter("c", "N", 0.0),), (("speed",), ("position",)), "c", "y"),
+        "off": Effect("off", "", "", "", (), (Parameter("d", "N", 0.0),), (), "d", "y"),
+    }  # fmt: skip
+    case: Any = SimpleNamespace(library=library, roles={"position": 0, "speed": 0})
+    gain = {"effect:wave": 10.0, "effect:drag": 6.0, "effect:off": 50.0, "effect:y: x**2": 70.0, "column:load:0": 80.0}
+    found = _by_effect(case, Adequacy(0.0, 9.0, gain))
+    assert found == {"position": pytest.approx(10.0 - 2.0 * np.log(4.0)), "speed": 6.0}
+
+
+def test_groups_that_differ_are_told_by_walds_test(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three groups with sds of their own that are twice what the covariance says, for something is missing."""
+    own = SimpleNamespace(by="", name="k", group="", unit="N")
+    fitted = [own, *(SimpleNamespace(by="soil", name="f", group=one, unit="1") for one in ("sand", "loam", "clay"))]
+    matrix = np.diag([9.0, 1.0, 4.0, 1.0])
+    monkeypatch.setattr(groups, "covariance", lambda fit, run, node: (matrix, None))
+    fit = SimpleNamespace(theta=np.array([7.0, 1.0, 3.0, 5.0]), model=SimpleNamespace(fitted=fitted))
+    case = SimpleNamespace(run=np.zeros(4), train=np.ones(4, dtype=bool), by={"f": "soil"})
+    analysis: Any = SimpleNamespace(
+        fit=fit, case=case, noise=SimpleNamespace(node=WHITE), sd=np.array([6.0, 2.0, 4.0, 2.0])
+    )
+    (found,) = groups.differences(analysis)
+    assert (found.parameter, found.by, found.unit) == ("f", "soil", "1")
+    assert found.values == {"sand": 1.0, "loam": 3.0, "clay": 5.0}
+    assert found.sds == {"sand": 2.0, "loam": 4.0, "clay": 2.0}
+    variance = np.array([4.0, 16.0, 4.0])
+    mean = (found_ := np.array([1.0, 3.0, 5.0])) @ (1.0 / variance) / (1.0 / variance).sum()
+    assert found.p_value == pytest.approx(chi2.sf((((found_ - mean) ** 2) / variance).sum(), 2))
+
+
+@pytest.mark.parametrize(
+    ("lower", "upper", "convex", "count"),
+    [((1.0, -1.0), (100.0, 1.0), False, 3), ((1.0, -1.0), (np.inf, 1.0), False, 1),
+     ((1.0, -1.0), (100.0, 1.0), True, 1), ((), (), False, 1)],
+)  # fmt: skip
+def test_further_starts_lie_inside_the_bounds(
+    lower: tuple[float, ...], upper: tuple[float, ...], convex: bool, count: int
+) -> None:
+    """By its logarithm where a bound is many times the other; only where all are bounded, and more than one can be."""
+    low, high = np.array(lower), np.array(upper)
+    base = SimpleNamespace(convex=convex, whole_runs=False)
+    start = np.array([2.0, 0.0][: len(low)])
+    model = SimpleNamespace(start=start, lower=low, upper=high, case=SimpleNamespace(base=base))
+    bound: Any = SimpleNamespace(model=model)
+    found = _base_starts(bound, 3)
+    assert len(found) == count
+    np.testing.assert_array_equal(found[0], start)
+    for one in found[1:]:
+        assert 10.0**0.2 < one[0] < 10.0**1.8
+        assert -0.8 < one[1] < 0.8
+    if count > 1:
+        many = np.array([one for seed in range(200) for one in _base_starts(bound, seed)[1:]])
+        assert np.median(np.log10(many[:, 0])) == pytest.approx(1.0, abs=0.1)
+        assert np.median(many[:, 1]) == pytest.approx(0.0, abs=0.1)
+
+
+@pytest.mark.parametrize(("good", "count"), [("none", 3), ("start", 3), ("drawn", 4)])
+def test_a_motion_that_no_start_carries_is_looked_for_once_more(good: str, count: int) -> None:
+    """One start more, that gives numbers, where none of the three does and any of twenty more does."""
+    seen: list[float] = []
+
+    def predict(theta: Array) -> Array:
+        seen.append(theta[0])
+        carried = {"none": False, "start": theta[0] == 2.0, "drawn": len(set(seen)) > 5}[good]
+        return np.full((1, 3), 1.0 if carried else np.nan)
+
+    base = SimpleNamespace(convex=False, whole_runs=True)
+    model = SimpleNamespace(
+        start=np.array([2.0]), lower=np.array([1.0]), upper=np.array([100.0]), case=SimpleNamespace(base=base)
+    )
+    bound: Any = SimpleNamespace(model=model, predict=predict)
+    found = _base_starts(bound, 3)
+    assert len(found) == count
+    assert len(set(seen)) == {"none": 23, "start": 1, "drawn": 6}[good]
+
+
+def test_a_channel_that_sticks_most_of_the_time_is_looked_at_as_it_is() -> None:
+    values = np.random.default_rng(4).standard_normal(100)
+    values[[0, 1]] = -9.0, 9.0
+    stuck = values.copy()
+    stuck[30:40] = stuck[30]
+    base = SimpleNamespace(channels=("f", "g", "absent"))
+    train = np.ones(100, dtype=bool)
+    train[60:] = False
+    case: Any = SimpleNamespace(
+        base=base, channels={"f": values, "g": stuck}, run=np.zeros(100, dtype=int), train=train
+    )
+    assert np.flatnonzero(comparison._stuck(case)).tolist() == list(range(31, 40))
+    train[:] = False
+    train[29:46] = True  # 9 of 17 that are trained on
+    assert not comparison._stuck(case).any()
+    train[46:49] = True
+    assert comparison._stuck(case).sum() == 9
+
+
+def test_what_a_sensor_s_noise_leaves_open_is_left_out_where_that_is_rare() -> None:
+    """Rows whose prediction it moves by more than ten sds of the channel, in any channel, by any input."""
+    moved = np.zeros((2, 40, 2))
+    moved[0, 3, 1], moved[1, 7, 0], moved[0, 9, 0], moved[1, 11, 0] = -2.1, 10.1, 1.9, 9.9
+    sigma = np.array([0.2, 1.0])
+    assert np.flatnonzero(undecided(moved, sigma, 0.05)).tolist() == [3, 7]
+    assert not undecided(moved, sigma, 0.049).any()
+    assert not undecided(np.zeros((2, 40, 0)), sigma, 0.05).any()
+
+
+def test_an_instrument_that_lags_takes_something_off_in_most_runs() -> None:
+    """What the parameters can take is no reason to say so, nor is what one run alone asks for."""
+    random = np.random.default_rng(5)
+    run = np.repeat(np.arange(6), 20)
+    late, slope = random.standard_normal(120), random.standard_normal(120)
+    mishap: Any = SimpleNamespace(columns=late[:, None])
+    slopes = slope[None, :, None]
+    noise = 0.1 * random.standard_normal(120)
+    assert comparison._lags(run, (late + noise + 3.0 * run)[None], slopes, mishap)
+    assert comparison._lags(run, (late + noise + 5.0 * slope)[None], slopes, mishap)
+    alone = np.where(run == 2, 5.0 * late, 0.0) + noise
+    assert not comparison._lags(run, alone[None], slopes, mishap)
