@@ -284,6 +284,35 @@ def test_bad_files(page: Page, server: Server, tmp_path: Path) -> None:
     wait_for(page, "state", "over")
 
 
+def test_a_batch_says_why_it_did_not_begin_and_what_can_be_varied(page: Page) -> None:
+    """The line stands in its panel and stays; the first field that is offered runs with success, its labels whole."""
+    page.get_by_role("link", name="Simulate").click()
+    panel = page.locator(".sim-batches")
+    expect(panel).to_contain_text("one of its 5 checks does not hold. They were written for the scenario as shipped")
+    page.get_by_label("Seeds").fill("1:4")
+    vary = page.get_by_label("Varied, one field a line")
+    vary.fill("supply=9V:12V")
+    page.get_by_role("button", name="Run as a batch").click()
+    expect(panel.get_by_role("alert")).to_contain_text("--vary supply")
+    expect(page.get_by_role("button", name="Run as a batch")).to_be_enabled()
+    expect(panel).to_contain_text("No batches yet")  # it was looked for: the line stays all the same
+    expect(panel.get_by_role("alert")).to_contain_text("expected a table")
+    vary.fill("")
+    offered = page.get_by_label("Add a field that is varied")
+    expect(offered).to_contain_text("supply.voltage: now 12 V")
+    offered.select_option(index=1)
+    expect(vary).to_have_value(vary.get_attribute("placeholder") or "none")
+    page.get_by_role("button", name="Run as a batch").click()
+    expect(panel).to_contain_text("0 of 4 failed")
+    expect(panel.get_by_role("alert")).to_be_hidden()
+    page.get_by_label("Batch: up").select_option("mean(contact_torque[8:])")
+    expect(panel.get_by_role("img")).to_have_accessible_name(re.compile("contact_torque.* up"))
+    lefts = page.eval_on_selector_all(".batch-label", "all => all.map((one) => one.getBBox().x)")
+    assert len(lefts) == 4
+    assert min(lefts) >= 0
+    assert serious(page) == []
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_run_rolls_and_is_kept(page: Page, server: Server, scheme: str) -> None:
     page.emulate_media(color_scheme=scheme)

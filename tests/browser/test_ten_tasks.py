@@ -217,11 +217,20 @@ def test_find_why_a_run_of_a_batch_failed(hand: Hand) -> None:
     hand.button("Run as a batch")
     failed = page.get_by_label("Runs that failed").get_by_role("button").first
     expect(failed).to_be_visible()
-    why = (failed.text_content() or "").partition(": ")[2]
+    words = failed.text_content() or ""
+    why = words.partition(": ")[2]
     expect(page.locator(".batch-failed").first).to_be_visible()
     hand.click(failed)
     expect(page.get_by_label("Moment")).to_be_enabled()
     expect(page.locator(".checks li", has=page.locator(".bad")).first).to_contain_text(why.split()[0])
+    settings = re.match(r"seed (\d+), path\.2\.slope ([\d.]+) deg: ", words)
+    assert settings is not None, words
+    expect(page.locator(".checks")).to_contain_text("This run: path.2.slope")
+    expect(page.locator(".checks")).to_contain_text("The controller: ")
+    expect(page.locator(".sim-form .soft").first).to_contain_text("slope_limiter as in the run slope_limiter-")
+    slope = page.locator(".slider", has=page.get_by_label("slope from 1.5 m")).locator("output")
+    expect(slope).to_contain_text(f"{float(settings[2]):.3g}")
+    expect(page.get_by_label("seed", exact=True)).to_have_value(settings[1])
 
 
 def test_a_figure_for_a_paper(example: Hand, tmp_path: Path) -> None:

@@ -489,3 +489,6 @@ def test_the_report_escapes_what_it_shows(tmp_path: Path, capsys: pytest.Capture
     assert "<img" not in page
     assert "<script" not in page
     assert page.count("<svg") >= 3
+    assert (
+        '<th colspan="9"\nscope="rowgroup"><code>last(position)</code>' in page
+    )  # a row of its own: no name is broken

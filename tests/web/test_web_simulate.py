@@ -15,6 +15,8 @@ from serving import Server
 from terrapin_hil import paths
 from terrapin_hil.run.run import run
 from terrapin_hil.scenario.scenario import load_scenario
+from terrapin_tools.batch.design import read_varied
+from terrapin_tools.batch.one_run import Plan, refuse_ends
 from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.workspace import Taken, Workspace
@@ -93,6 +95,20 @@ def test_description() -> None:
             assert -1e6 < parameter["low"] <= parameter["start"] <= parameter["high"] < 1e6, (effect, parameter)
     for fault in found["faults"].values():
         assert bool(fault["unit"]) == (fault["high"] is not None)
+    for one in found["scenarios"]:
+        assert one["fields"][0]["name"] == "supply.voltage"
+        assert {f"path.{n}.slope" for n in range(1, len(one["ground"]) + 1)} <= {f["name"] for f in one["fields"]}
+        assert ("checks" in one["judged"]) == (one["checks"] > 1)
+
+
+@pytest.mark.parametrize("name", ["steady_sand", "slope_limiter"])
+def test_what_is_offered_to_be_varied_is_taken(name: str) -> None:
+    path = paths.SCENARIOS / f"{name}.toml"
+    fields = next(one["fields"] for one in scenarios()["scenarios"] if one["name"] == name)
+    varied = [read_varied(field["example"]) for field in fields]
+    assert [one.name for one in varied] == [field["name"] for field in fields]
+    assert len(fields) > 20
+    refuse_ends(Plan(str(path), path.read_text(), ()), varied)
 
 
 def test_run_signals_are_the_truth(server: Server) -> None:
@@ -118,6 +134,12 @@ def test_run_signals_are_the_truth(server: Server) -> None:
     assert found["words"]["state"]["4"] == "run"
     assert set(columns["state"]) >= {4.0}
     assert len(found["checks"]) == 8
+    assert found["changes"] == ["duration 3 (shipped 25 s)", "path.2.slope 0.1 (shipped 14 deg)", "seed 5 (shipped 1)"]
+    assert (found["settings"]["seed"], found["settings"]["ground"][1]["slope"]) == (5, 0.1)
+    assert "run from" in found["course"]
+    missed = [check["missed"] for check in found["checks"] if not check["passed"]]
+    assert "ACTUATE.state == 'stuck' never holds" in missed
+    assert any("expected" in one for one in missed)
     lines = server.get("/api/simulate")
     assert [one["seed"] for one in lines if one["name"] == started["run"]] == [5]
 

@@ -62,13 +62,15 @@ class CheckError(UserError, ValueError):
 class Outcome:
     """Result of a check; `found` is its text with numbers in the place of the signals.
 
-    `numbers`: each part that made one number of a signal, and that number; NaN where it had no value.
+    `numbers`: each part that made one number of a signal, and that number; NaN where it had no value. `missed`: of one
+    that failed what was found, what was expected, and by how much it is off.
     """
 
     text: str
     passed: bool
     found: str
     numbers: tuple[tuple[str, float], ...] = field(default=(), repr=False, compare=False)
+    missed: str = field(default="", repr=False, compare=False)
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,21 @@ class Check:
             value = run.value(self.tree)
         if isinstance(value, np.ndarray):
             raise CheckError(f"{self.text!r} is a signal, not yes or no; put any() or all() around it")
-        return Outcome(self.text, bool(value) and not np.isnan(value), "; ".join(run.seen), tuple(run.numbers.items()))
+        passed = bool(value) and not np.isnan(value)
+        missed = "" if passed else self.missed(run.numbers)
+        return Outcome(self.text, passed, "; ".join(run.seen), tuple(run.numbers.items()), missed)
+
+    def missed(self, numbers: Mapping[str, float]) -> str:
+        """What does not hold in a check that failed, and by how much, from its numbers as `Outcome` has them.
+
+        >>> parse_check("max(slip[1:]) < 0.55").missed({"max(slip[1:])": 0.75})
+        'max(slip[1:]) is 0.75, expected < 0.55: 0.2 too much'
+        """
+        try:
+            with np.errstate(all="ignore"):
+                return ", ".join(_missed(self.tree, _Told(numbers)))
+        except CheckError:  # a part that is no number of these
+            return ""
 
     def number(
         self, time: Array, signals: Mapping[str, Array], enums: Mapping[str, Mapping[str, int]] | None = None
@@ -196,6 +212,42 @@ class _Run:
             known = f"; known: {', '.join(words)}" if words else ""
             raise CheckError(f"'{node.value}' is no value of {ast.unparse(other)}{known}")
         return float(words[node.value])
+
+
+class _Told(_Run):
+    """Numbers that were told in the place of the signals that they were made of."""
+
+    def __init__(self, told: Mapping[str, float]) -> None:
+        super().__init__(np.zeros(0), {}, {})
+        self.told = told
+
+    def value(self, node: ast.expr) -> Any:
+        if isinstance(node, ast.Call) and ast.unparse(node) in self.told:
+            return np.float64(self.told[ast.unparse(node)])
+        return super().value(node)
+
+
+def _missed(node: ast.expr, run: _Told) -> list[str]:
+    """The parts of a check that do not hold."""
+    if isinstance(node, ast.BoolOp):
+        return [text for part in node.values for text in _missed(part, run)]
+    text, value = ast.unparse(node), run.value(node)
+    if value and not np.isnan(value):
+        return []
+    if isinstance(node, ast.Compare) and len(node.ops) == 1:
+        sign, _ = COMPARE[type(node.ops[0])]
+        left, right = run.value(node.left), run.value(node.comparators[0])
+        if np.isnan(left) or np.isnan(right):
+            return [f"{text}: no value"]
+        off = {"<": "too much", ">": "too little"}.get(sign[0], "off")
+        yes_or_no = sign == "!=" or {float(left), float(right)} <= {0.0, 1.0}
+        by = "" if yes_or_no else f": {abs(left - right):.3g} {off}"
+        return [f"{ast.unparse(node.left)} is {left:.4g}, expected {sign} {right:.4g}{by}"]
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("all", "any"):
+        inner = ast.unparse(node.args[0])
+        said = "does not hold all the time" if node.func.id == "all" else "never holds"
+        return [f"{inner}: no value" if np.isnan(value) else f"{inner} {said}"]
+    return [f"{text} does not hold"]
 
 
 def _verify(node: ast.AST) -> None:

@@ -41,12 +41,13 @@ alone; bars: share that fails, with 95 % limits</span></h2>
 </td><td class="n">{{ "%.2f"|format(share) }}</td></tr>{% endfor %}</tbody></table>
 <div class="three">{% for picture in by_input %}<div>{{ picture|safe }}</div>{% endfor %}</div></section>{% endif %}
 {% if map %}<section><h2>Where it fails <span>red: failed, green: passed</span></h2>{{ map|safe }}</section>{% endif %}
-<section><h2>Numbers <span>quantiles over the runs; red: of failed runs</span></h2><table><thead><tr><th></th>
+<section><h2>Numbers <span>quantiles over the runs; red: of failed runs</span></h2><table><thead><tr>
 {%- for q in quantiles %}<th class="n">{{ "%.0f"|format(100 * q) }} %</th>{% endfor %}<th></th><th>decided most by</th>
-</tr></thead><tbody>{% for text, values in summary.quantiles.items() %}<tr><td><code>{{ text }}</code>
+</tr></thead><tbody>{% for text, values in summary.quantiles.items() %}<tr><th colspan="{{ quantiles|length + 2 }}"
+scope="rowgroup"><code>{{ text }}</code>
 {%- if units.get(text) %} <span class="soft">{{ units[text] }}</span>{% endif %}
-{%- if summary.missing[text] %}<br><span class="warn">no value in {{ summary.missing[text] }}
-runs</span>{% endif %}</td>
+{%- if summary.missing[text] %} <span class="warn">no value in {{ summary.missing[text] }} runs</span>{% endif %}</th>
+</tr><tr>
 {%- for value in values %}<td class="n">{{ "-" if value is none else "%.4g"|format(value) }}</td>{% endfor %}
 <td>{{ histograms[text]|safe }}</td><td>{{ decided[text] }}</td></tr>{% endfor %}</tbody></table></section>
 </div><div>

@@ -5,10 +5,11 @@ from __future__ import annotations
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from terrapin_hil.scenario.checks import CheckError, parse_check
 from terrapin_tools.batch.design import Row, Varied
 from terrapin_tools.batch.one_run import Answer
 from terrapin_tools.progress import progress_lines
@@ -22,6 +23,18 @@ EVERY = 1.0  # s between states of the file
 LINES_EVERY = 10.0  # s between lines where standard error is no terminal
 MOST_POINTS = 2000  # runs that the file has one by one: the latest
 MOST_RESULTS = 16  # numbers of each
+
+
+def missed(text: str, numbers: Mapping[str, float]) -> str:
+    """Why a check failed: what was found and by how much it is off, its text alone where that is not known.
+
+    >>> missed("max(slip) < 0.5", {"max(slip)": 0.75})
+    'max(slip) is 0.75, expected < 0.5: 0.25 too much'
+    """
+    try:
+        return parse_check(text).missed(numbers) or text
+    except CheckError:  # not a check of the file, but of a fault's reaction
+        return text
 
 
 class Shown:
@@ -48,7 +61,9 @@ class Shown:
             row = self._rows[answer.number]
             self._points.append([answer.passed, row.seed, *(value for _, value in row.values)])
             self._results = self._results or list(answer.numbers)[:MOST_RESULTS]
-            why = answer.error or "; ".join(text for text, held in answer.checks.items() if not held)
+            why = answer.error or "; ".join(
+                missed(text, answer.numbers) for text, held in answer.checks.items() if not held
+            )
             self._outcomes.append([answer.number, " ".join(why.split()), dict(answer.numbers)])
         del self._points[:-MOST_POINTS], self._outcomes[:-MOST_POINTS]
         now = time.monotonic()

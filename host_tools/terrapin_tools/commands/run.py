@@ -100,7 +100,7 @@ def _as_text(result: Result, folder: Path | None, written: bool) -> str:
     if scenario.real_time:
         rows.append(f"  real time: ticks late by {timing.rms * 1e6:.0f} us rms, {timing.latest * 1e6:.0f} us at most")
     rows += [f"  note  {note}" for note in scenario.notes]
-    rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.found})" for o in result.outcomes]
+    rows += [f"  {'ok  ' if o.passed else 'FAIL'}  {o.text}    ({o.missed or o.found})" for o in result.outcomes]
     if written:
         rows.append(_contact_words(result))
     rows.append(f"  output sha256 {result.output_hash}")

@@ -78,7 +78,10 @@ class RunFolder:
                     "output_sha256": result.output_hash,
                     "wall_seconds": round(result.timing.seconds, 6),
                 },
-                [{"check": o.text, "passed": o.passed, "found": o.found} for o in result.outcomes],
+                [
+                    {"check": o.text, "passed": o.passed, "found": o.found} | ({"missed": o.missed} if o.missed else {})
+                    for o in result.outcomes
+                ],
             )
 
     def close(self) -> None:

@@ -131,8 +131,10 @@ def scenarios() -> dict[str, Any]:
     from terrapin_hil.robot.plant import TERRAINS
     from terrapin_hil.robot.soft_ground import affects_soil
     from terrapin_hil.scenario.faults import KINDS
+    from terrapin_hil.scenario.scenario import load_scenario
+    from terrapin_tools.web.simulate.told import described
 
-    found = [_scenario(path) for path in sorted(paths.SCENARIOS.glob("*.toml"))]
+    found = [described(load_scenario(path), path.stem) for path in sorted(paths.SCENARIOS.glob("*.toml"))]
     effects = [
         {
             "name": effect.name,
@@ -164,43 +166,6 @@ def scenarios() -> dict[str, Any]:
         "soils": list(soils.library()),
         "effects": effects,
         "faults": faults,
-    }
-
-
-def _scenario(path: Path) -> dict[str, Any]:
-    """What the page changes of a scenario."""
-    from terrapin_hil.scenario.scenario import load_scenario
-
-    scenario = load_scenario(path)
-    text = tomllib.loads(scenario.source)
-    return {
-        "name": path.stem,
-        "title": scenario.title,
-        "duration": scenario.duration,
-        "seed": scenario.seed,
-        "supply": scenario.supply,
-        "soil": text.get("soil", {}).get("name") if scenario.ground.contact is not None else None,
-        "contact": scenario.ground.contact is not None,
-        "ground": [
-            {"from": segment.start, "slope": segment.slope, "terrain": raw.get("terrain")}
-            for segment, raw in zip(scenario.ground.segments, text["path"], strict=True)
-        ],
-        "orders": [
-            {"at": o.time, "request": o.request, "control": o.control, "setpoint": o.setpoint, "limiter": o.limiter}
-            for o in scenario.operator
-        ],
-        "effects": {active.effect.name: dict(active.values) for active in scenario.effects},
-        "faults": [
-            {
-                "kind": f.kind,
-                "channel": f.channel,
-                "value": f.value,
-                "begin": f.begin,
-                "end": f.end if f.end < 1e8 else None,
-            }
-            for f in scenario.faults
-        ],
-        "checks": len(scenario.checks),
     }
 
 

@@ -8,9 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from terrapin_hil import paths
 from terrapin_hil.arrays import Array
-from terrapin_hil.reading import parse_quantity
+from terrapin_hil.reading import Section, parse_quantity
+from terrapin_hil.scenario.scenario import read_scenario
 from terrapin_tools.errors import UserError
+from terrapin_tools.web.simulate.told import changes_of, course, described, judged
 
 __all__ = ["ground_height", "run_signals"]
 
@@ -53,14 +56,18 @@ def run_signals(folder: str | Path) -> dict[str, Any]:
     )
     columns = {name: truth[name][::step] for name in SHOWN if name in truth}
     columns["angle"] = angle[::step]
-    columns.update(_said(folder, columns["time"]))
     description = interface()
     scenario = tomllib.loads(run["scenario"]["text"])
+    said = _said(folder, columns["time"])
+    columns.update(said)
     words = {name: {value: word for word, value in description.enums[name].items()} for name in ("state", "terrain")}
     return {
         "name": folder.name,
         "run": {key: value for key, value in run["run"].items() if key != "output_sha256"},
         "checks": run.get("checks", []),
+        "judged": judged(len(run.get("checks", []))),
+        "course": course(columns["time"], said["state"], words["state"]) if "state" in said else "",
+        **_settings(run, scenario),
         "radius": parse_quantity(scenario.get("robot", {}).get("radius", 0.08), "m"),
         "words": words,
         "ground": ground_height(truth["position"], truth["slope"]),
@@ -68,6 +75,22 @@ def run_signals(folder: str | Path) -> dict[str, Any]:
         "faults": [_plain(fault) for fault in scenario.get("fault", [])],
         "columns": {name: _short(values) for name, values in columns.items()},
     }
+
+
+def _settings(run: dict[str, Any], tables: dict[str, Any]) -> dict[str, Any]:
+    """`settings`: the form as the run has it, None where no such scenario is shipped; `changes`: what differs from the
+    one that is, in words."""
+    name, seed = str(run["run"]["scenario"]), run["run"]["seed"]
+    shipped = paths.SCENARIOS / f"{name}.toml"
+    try:
+        scenario = read_scenario(Section(tables, f"{name}.toml", run["scenario"]["text"]), name)
+        before = tomllib.loads(shipped.read_text(encoding="utf-8"))
+    except (OSError, UserError):
+        return {"settings": None, "changes": []}
+    changes = changes_of(tables, before)
+    if seed != before.get("seed", 1):
+        changes.append(f"seed {seed} (shipped {before.get('seed', 1)})")
+    return {"settings": {**described(scenario, name), "seed": seed}, "changes": changes}
 
 
 def _said(folder: Path, times: Array) -> dict[str, Array]:

@@ -53,7 +53,7 @@ export class Rolling {
     const ground = word('GROUND.terrain', terrain);
     const xs = [this.way - 5, this.way, this.way + 5];
     this.robot.show({
-      name: '', run: { title: '', complete: true }, checks: [], faults: [], radius: this.radius, words: { state: { 0: word('STATUS.state', state) } },
+      name: '', run: { title: '', complete: true }, checks: [], faults: [], settings: null, changes: [], course: '', judged: '', radius: this.radius, words: { state: { 0: word('STATUS.state', state) } },
       ground: { x: xs, height: xs.map((x) => Math.tan(slope) * x) }, segments: [{ from: -Infinity, terrain: ground === 'unknown' || !ground ? 'ground not known' : ground }],
       columns: { time: [time], position: [this.way], angle: [(value('ATTITUDE.angle') ?? 0) % TURN], swing_angle: [value('ATTITUDE.swing_angle')], speed: [speed], slip: [value('MOTION.slip')], state: [0] },
     });

@@ -19,10 +19,10 @@ class Simulate {
     /** @type {string | null} */
     this.job = null; // that is watched
     this.shown = false;
-    this.form = new ScenarioForm((command) => { if (this.shown) app.showCommand(command); });
+    this.form = new ScenarioForm((command) => { this.batches.offer(this.form.scenario); if (this.shown) app.showCommand(command); });
     this.player = new Player();
-    this.runs = new RunList({ app, attempt: (action) => this.attempt(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
-    this.batches = new Batches({ app, attempt: (action) => this.attempt(action), body: () => this.form.body(), watch: (job, run) => this.watch(job, run) });
+    this.runs = new RunList({ app, attempt: (action) => this.attempt(action), look: (action) => this.look(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
+    this.batches = new Batches({ app, body: () => this.form.body(), watch: (job, run) => this.watch(job, run) });
     this.start = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.go() });
     this.line = h('span', { class: 'line' });
     this.progress = h('progress', { max: '100', value: 0, 'aria-label': 'Progress' });
@@ -42,7 +42,17 @@ class Simulate {
    * @param {() => Promise<T>} action
    */
   async attempt(action) {
-    try { this.notice.hidden = true; return await action(); } catch (error) { this.complain(lineOf(error)); return null; }
+    this.notice.hidden = true;
+    return this.look(action);
+  }
+
+  /**
+   * As `attempt`, of what nobody asked for: what the line says of an action before it stays.
+   * @template T
+   * @param {() => Promise<T>} action
+   */
+  async look(action) {
+    try { return await action(); } catch (error) { this.complain(lineOf(error)); return null; }
   }
 
   /** @param {string} text */
@@ -53,8 +63,9 @@ class Simulate {
 
   async load() {
     /** @type {Scenarios | null} */
-    const description = await this.attempt(() => this.app.api('scenarios'));
+    const description = await this.look(() => this.app.api('scenarios'));
     if (description) this.form.take(description);
+    if (this.player.run?.settings) this.form.choose(this.player.run.settings.name, this.player.run); // it was there first
   }
 
   // ---------------------------------------------------------------- running
@@ -64,11 +75,11 @@ class Simulate {
     /** @type {(Started & { run: string }) | null} */
     const started = await this.attempt(() => this.app.api('simulate', { body: this.form.body() }));
     this.start.disabled = false;
-    if (started) { this.app.showCommand(started.command); await this.watch(started.id, started.run); }
+    if (started) { this.app.showCommand(started.command); await this.watch(started.id, started.run, true); }
   }
 
-  /** Follow a job to its end, then show its run, if there is one. @param {string} id @param {string | null} wanted */
-  async watch(id, wanted) {
+  /** Follow a job to its end, then show its run, if there is one; `own`: of the form. @param {string} id @param {string | null} wanted */
+  async watch(id, wanted, own = false) {
     const { app, bar, line, progress, start } = this;
     this.job = id;
     bar.hidden = false;
@@ -90,18 +101,19 @@ class Simulate {
     if (ended.state === 'failed') { this.complain(ended.error || 'failed'); return null; }
     if (ended.state === 'cancelled') app.announce('cancelled');
     if (ended.state === 'done') app.announce('the run is done');
-    if (wanted) await this.open(wanted, ended.state === 'done');
+    if (wanted) await this.open(wanted, ended.state === 'done', own);
     return ended;
   }
 
-  /** @param {string} wanted name of a run */
-  async open(wanted, roll = true) {
+  /** Show a run, with what it was done with in the form, unless it is the form's own: that may have been changed since. @param {string} wanted */
+  async open(wanted, roll = true, own = false) {
     /** @type {Run | null} */
     const run = await this.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`));
     if (!run) return;
     this.player.other = null;
     this.player.open(run, roll);
     this.runs.open(run);
+    if (run.settings && !own) this.form.choose(run.settings.name, run);
     this.offer();
     if (this.shown) history.replaceState(null, '', `#simulate/${encodeURIComponent(wanted)}`); // a reload opens it again
   }
@@ -123,7 +135,7 @@ class Simulate {
   /** What another browser runs, or this one before a reload. */
   async running() {
     /** @type {Job[] | null} */
-    const jobs = await this.attempt(() => this.app.api('jobs'));
+    const jobs = await this.look(() => this.app.api('jobs'));
     if (jobs) this.batches.running(jobs);
     const mine = jobs?.find((one) => one.do === 'simulate' && (one.state === 'running' || one.state === 'queued'));
     if (mine && !this.job) this.watch(mine.id, /runs\/([^/ ]+)/.exec(mine.command.split('--out ')[1] || '')?.[1] || null);

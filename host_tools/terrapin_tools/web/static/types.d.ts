@@ -177,6 +177,7 @@ interface FaultOffer { channels: string[]; unit: string; high: number | null }
 interface Fault { kind: string; channel: string; value: number | null; begin: number; end: number | null }
 interface Scenario {
   name: string; title: string; duration: number; seed: number; supply: number; soil: string | null; contact: boolean; checks: number;
+  judged: string; fields: { name: string; value: string; example: string }[];
   ground: { from: number; slope: number; terrain: string }[]; effects: Record<string, Record<string, number>>; faults: Fault[];
   orders: { at: number; request: string; control: string; setpoint: number; limiter: boolean }[];
 }
@@ -193,7 +194,8 @@ interface BatchState { name: string; done: number; failed: number; runs: number;
 type Columns = Record<string, (number | null)[]> & { time: number[] };
 /** A run: columns of equal length, SI units. */
 interface Run {
-  name: string; run: { title: string; complete: boolean }; checks: { passed: boolean; found: string }[]; radius: number;
+  name: string; run: { title: string; complete: boolean }; checks: { passed: boolean; found: string; missed?: string }[]; radius: number;
   words: { state: Record<number, string> }; ground: { x: number[]; height: number[] }; segments: { from: number; terrain: string }[];
   faults: { text: string; begin: number; end: number | null }[]; columns: Columns;
+  settings: Scenario | null; changes: string[]; course: string; judged: string;
 }

@@ -1,11 +1,12 @@
 // Batches: the scenario of the form with many seeds and values; how far each is, where it fails, and each run that failed.
-import { h, number } from '../app.js';
+import { h, lineOf, number } from '../app.js';
 
-/** @typedef {{ app: App, attempt<T>(action: () => Promise<T>): Promise<T | null>, body(): Record<string, any>, watch(job: string, run: string): Promise<Job | null> }} Desk */
+/** @typedef {{ app: App, body(): Record<string, any>, watch(job: string, run: string): Promise<Job | null> }} Desk */
 
 const EVERY = 1000; // ms between looks at a batch that fills
 const FAILURES = 20; // that are listed
 const SIZE = { width: 420, height: 220, left: 52, bottom: 30, top: 8, right: 8 };
+const LETTER = 7; // of a label, at most [px]
 const SVG = 'http://www.w3.org/2000/svg';
 
 /** @param {string} name @param {Record<string, string>} values @param {string} [text] */
@@ -28,26 +29,65 @@ export class Batches {
     /** @type {ReturnType<typeof setInterval> | null} */
     this.timer = null;
     this.seeds = h('input', { type: 'text', id: 'batch-seeds', value: '1:200', maxlength: '200' });
-    this.vary = h('textarea', { id: 'batch-vary', rows: '2', maxlength: '1600', placeholder: 'path.1.slope=0deg:14deg' });
+    this.vary = h('textarea', { id: 'batch-vary', rows: '2', maxlength: '1600' });
+    this.field = h('select', { 'aria-label': 'Add a field that is varied', onchange: () => this.add() });
+    this.judged = h('p', { class: 'soft small' });
+    this.offered = ''; // scenario whose fields are listed
     this.start = h('button', { type: 'button', text: 'Run as a batch', onclick: () => this.go() });
-    this.stop = h('button', { type: 'button', text: 'Stop', hidden: true, onclick: () => { const { job } = this; if (job) desk.attempt(() => desk.app.cancel(job)); } });
+    this.end = h('button', { type: 'button', text: 'Cancel', hidden: true, onclick: () => { const { job } = this; if (job) void this.attempt(() => desk.app.cancel(job)); } });
+    this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
     this.rows = h('div', { class: 'runs', tabindex: '0', role: 'region', 'aria-label': 'Batches' });
     this.picture = h('div', { class: 'batch-picture' });
     this.element = h('section', { class: 'panel sim-batches' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Batches' })),
       h('label', { for: 'batch-seeds', text: 'Seeds' }), this.seeds,
-      h('label', { for: 'batch-vary', text: 'Varied, one field a line' }), this.vary,
-      h('div', { class: 'row' }, this.start, this.stop), this.rows, this.picture);
+      h('div', { class: 'row' }, h('label', { for: 'batch-vary', text: 'Varied, one field a line' }), this.field), this.vary, this.judged,
+      h('div', { class: 'row' }, this.start, this.end), this.notice, this.rows, this.picture);
+  }
+
+  /**
+   * The result of what somebody asked for; null, and a line here, when it is refused.
+   * @template T
+   * @param {() => Promise<T>} action @returns {Promise<T | null>}
+   */
+  async attempt(action) {
+    this.notice.hidden = true;
+    return this.look(action);
+  }
+
+  /**
+   * As `attempt`, of what nobody asked for: the line stays.
+   * @template T
+   * @param {() => Promise<T>} action @returns {Promise<T | null>}
+   */
+  async look(action) {
+    try { return await action(); } catch (error) { this.notice.hidden = false; this.notice.textContent = lineOf(error); return null; }
+  }
+
+  /** What can be varied of the scenario in the form, and what makes its runs fail. @param {Scenario | undefined} scenario */
+  offer(scenario) {
+    if (!scenario || scenario.name === this.offered) return;
+    this.offered = scenario.name;
+    this.field.replaceChildren(h('option', { value: '', text: 'Add a field …' }), ...scenario.fields.map((one) => h('option', { value: one.example, text: `${one.name}: now ${one.value}` })));
+    this.vary.placeholder = scenario.fields[0].example;
+    this.judged.textContent = scenario.judged;
+  }
+
+  /** The field that was chosen, with a range around its value, as a line to change. */
+  add() {
+    this.vary.value = [...this.vary.value.split('\n').filter((line) => line.trim()), this.field.value].join('\n');
+    this.field.value = '';
+    this.vary.focus();
   }
 
   async go() {
-    const { app, attempt, body } = this.desk;
+    const { app, body } = this.desk;
     const changes = body();
     delete changes.link;
     delete changes.seed;
     const vary = this.vary.value.split('\n').map((line) => line.trim()).filter((line) => line);
     this.start.disabled = true;
     /** @type {(Started & { batch: string }) | null} */
-    const started = await attempt(() => app.api('batches', { body: { ...changes, seeds: this.seeds.value.trim(), vary } }));
+    const started = await this.attempt(() => app.api('batches', { body: { ...changes, seeds: this.seeds.value.trim(), vary } }));
     this.start.disabled = false;
     if (!started) return;
     app.showCommand(started.command);
@@ -57,18 +97,18 @@ export class Batches {
 
   /** Follow a job to its end. @param {string} id */
   async watch(id) {
-    const { app, attempt } = this.desk;
+    const { app } = this.desk;
     this.job = id;
     this.start.disabled = true;
-    this.stop.hidden = false;
+    this.end.hidden = false;
     this.fill(true);
-    await attempt(async () => {
+    await this.attempt(async () => {
       const ended = await app.follow(id);
       if (ended.state === 'failed') throw new app.Refused(0, ended.error || 'failed');
     });
     this.job = null;
     this.start.disabled = false;
-    this.stop.hidden = true;
+    this.end.hidden = true;
     this.fill(false);
     await this.list();
   }
@@ -88,9 +128,9 @@ export class Batches {
   }
 
   async list() {
-    const { app, attempt } = this.desk;
+    const { app } = this.desk;
     /** @type {BatchLine[] | null} */
-    const found = await attempt(() => app.api('batches'));
+    const found = await this.look(() => app.api('batches'));
     if (!found) return;
     this.rows.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['Batch', 'Runs', 'Failed', 'Report', 'Remove'].map((text) => h('th', { scope: 'col', text })))),
       h('tbody', {}, ...found.map((one) => this.row(one)))) : h('p', { class: 'soft', text: 'No batches yet.' }));
@@ -101,9 +141,9 @@ export class Batches {
 
   /** @param {BatchLine} one */
   row(one) {
-    const { app, attempt } = this.desk;
+    const { app } = this.desk;
     const open = () => { this.chosen = one.name; this.list(); };
-    const remove = () => attempt(() => app.api(`batches/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
+    const remove = () => this.attempt(() => app.api(`batches/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
     return h('tr', {},
       h('td', {}, h('button', { type: 'button', class: 'quiet', text: one.name, onclick: open })),
       h('td', {}, h('progress', { max: String(one.runs), value: one.done, 'aria-label': `${one.name}: runs done` }), ` ${one.done} of ${one.runs}`),
@@ -114,9 +154,9 @@ export class Batches {
 
   /** Inputs or results of the runs against each other: those that failed stand out, and open. @param {string} wanted */
   async draw(wanted) {
-    const { app, attempt } = this.desk;
+    const { app } = this.desk;
     /** @type {BatchState | null} */
-    const state = await attempt(() => app.api(`batches/${encodeURIComponent(wanted)}`));
+    const state = await this.look(() => app.api(`batches/${encodeURIComponent(wanted)}`));
     if (!state || !state.points.length) return;
     const names = [...state.inputs.slice(1), ...state.results];
     const rows = state.points.map((point, i) => [...point.slice(1), ...state.outcomes[i].slice(2)]);
@@ -125,7 +165,7 @@ export class Batches {
     const axis = (way, usual) => Math.max(0, names.indexOf(this.axes[way]) >= 0 ? names.indexOf(this.axes[way]) : usual);
     const across = axis('across', first), up = axis('up', second);
     const [x, y] = [across, up].map((column) => scale(rows.map((row) => row[column])));
-    const { width, height, left, bottom, top, right } = SIZE;
+    const { width, height, bottom, top, right } = SIZE, left = Math.max(SIZE.left, 8 + LETTER * Math.max(y.low.length, y.high.length));
     const picture = svg('svg', { viewBox: `0 0 ${width} ${height}`, role: 'img', 'aria-label': `${state.failed} of ${state.done} runs failed; ${names[across]} across, ${names[up]} up` });
     const order = rows.map((_, i) => i).sort((a, b) => Number(state.points[b][0]) - Number(state.points[a][0])); // failed ones above
     for (const i of order) {
@@ -164,15 +204,15 @@ export class Batches {
   failures(batch, state) {
     const failed = state.points.flatMap((point, i) => (point[0] || state.outcomes[i][0] < 0 ? [] : [i])).slice(0, FAILURES);
     if (!failed.length) return h('div');
-    return h('div', {}, h('h3', { text: 'Runs that failed' }), h('p', { class: 'soft small', text: 'Here, or a red point above: the run is done again, and opens with its checks.' }),
+    return h('div', {}, h('h3', { text: 'Runs that failed' }), h('p', { class: 'soft small', text: 'Press one, or its red point in the plot: the run is done again, and opens above with its settings and checks.' }),
       h('ul', { class: 'failures', tabindex: '0', 'aria-label': 'Runs that failed' }, failed.map((i) => h('li', {}, h('button', { type: 'button', class: 'quiet', text: this.words(state, i), onclick: () => this.again(batch, state.outcomes[i][0]) })))));
   }
 
   /** Do a run of the batch again, and open it. @param {string} batch @param {number} run */
   async again(batch, run) {
-    const { app, attempt } = this.desk;
+    const { app } = this.desk;
     /** @type {(Started & { run: string }) | null} */
-    const started = await attempt(() => app.api(`batches/${encodeURIComponent(batch)}/runs/${run}`, { method: 'POST' }));
+    const started = await this.attempt(() => app.api(`batches/${encodeURIComponent(batch)}/runs/${run}`, { method: 'POST' }));
     if (!started) return;
     app.showCommand(started.command);
     await this.desk.watch(started.id, started.run);

@@ -75,10 +75,13 @@ export class Player {
 
   /** @param {Run} run */
   showChecks(run) {
-    const passed = run.checks.filter((c) => c.passed).length;
+    const passed = run.checks.filter((c) => c.passed).length, failed = passed < run.checks.length;
     this.checksTitle.textContent = run.checks.length ? `Checks: ${passed} of ${run.checks.length} hold` : 'Checks';
-    this.checks.replaceChildren(...(run.checks.length ? run.checks.map((c) => h('li', {}, h('b', { class: c.passed ? 'good' : 'bad', text: c.passed ? 'holds' : 'fails' }), h('code', { text: c.found }))) : [h('li', { class: 'soft', text: 'This run has none, or did not end.' })]),
-      ...(passed < run.checks.length ? [h('li', { class: 'soft', text: 'They were written for the scenario as shipped: a change may well break them.' })] : []));
+    this.checks.replaceChildren(
+      ...(run.changes.length ? [h('li', { text: `This run: ${run.changes.join(', ')}.` })] : []),
+      ...(failed && run.course ? [h('li', { text: run.course })] : []),
+      ...(run.checks.length ? run.checks.map((c) => h('li', {}, h('b', { class: c.passed ? 'good' : 'bad', text: c.passed ? 'holds' : 'fails' }), h('code', { text: c.missed || c.found }))) : [h('li', { class: 'soft', text: 'This run has none, or did not end.' })]),
+      ...(failed ? [h('li', { class: 'soft', text: run.judged })] : []));
   }
 
   /** Stop at a moment. @param {number} time */

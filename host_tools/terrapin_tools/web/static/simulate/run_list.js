@@ -1,7 +1,7 @@
 // The list of runs, of which some are ticked, and the case that is made of them.
 import { h } from '../app.js';
 
-/** What the list asks of its tab. @typedef {{ app: App, attempt<T>(action: () => Promise<T>): Promise<T | null>, open(run: string): void, watch(job: string): Promise<Job | null> }} Desk */
+/** What the list asks of its tab. @typedef {{ app: App, attempt<T>(action: () => Promise<T>): Promise<T | null>, look<T>(action: () => Promise<T>): Promise<T | null>, open(run: string): void, watch(job: string): Promise<Job | null> }} Desk */
 
 export class RunList {
   /** @param {Desk} desk */
@@ -35,9 +35,9 @@ export class RunList {
   }
 
   async list() {
-    const { app, attempt } = this.desk;
+    const { app, look } = this.desk;
     /** @type {RunLine[] | null} */
-    const found = await attempt(() => app.api('simulate'));
+    const found = await look(() => app.api('simulate'));
     if (!found) return;
     this.names = found.map((one) => one.name);
     const ticked = new Set(this.rows().filter((one) => one.box.checked).map((one) => one.name));

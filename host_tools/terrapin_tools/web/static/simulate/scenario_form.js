@@ -35,18 +35,20 @@ export class ScenarioForm {
     this.choose(this.select.value);
   }
 
-  /** A scenario as it is shipped. @param {string} wanted */
-  choose(wanted) {
+  /** A scenario as it is shipped, or as a run had it. @param {string} wanted @param {Run | null} run */
+  choose(wanted, run = null) {
     const scenario = this.description?.scenarios.find((s) => s.name === wanted);
     if (!scenario) return;
+    const as = run?.settings ?? scenario;
     this.scenario = scenario;
+    this.select.value = wanted;
     /** @type {Changes} */
     this.changes = {
-      ground: scenario.ground.map((g) => ({ terrain: g.terrain, slope: g.slope })), setpoints: scenario.orders.map((o) => o.setpoint),
-      limiter: scenario.orders.some((o) => o.limiter), effects: structuredClone(scenario.effects), faults: structuredClone(scenario.faults),
-      seed: scenario.seed, duration: scenario.duration, supply: scenario.supply, soil: scenario.soil,
+      ground: as.ground.map((g) => ({ terrain: g.terrain, slope: g.slope })), setpoints: as.orders.map((o) => o.setpoint),
+      limiter: as.orders.some((o) => o.limiter), effects: structuredClone(as.effects), faults: structuredClone(as.faults),
+      seed: as.seed, duration: as.duration, supply: as.supply, soil: as.soil,
     };
-    this.title.textContent = `${scenario.name}: ${scenario.duration} s, ${scenario.checks} checks`;
+    this.title.textContent = run ? `${scenario.name} as in the run ${run.name}: ${run.changes.join(', ') || 'as shipped'}` : `${scenario.name}: ${scenario.duration} s, ${scenario.checks} checks`;
     this.fields();
   }
 
