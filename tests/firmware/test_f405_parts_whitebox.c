@@ -695,14 +695,14 @@ static uint32_t dead_ns(uint32_t code, uint32_t hz) {
 
 static void test_dead_time_is_never_shorter_than_asked(void) {
     for (uint32_t hz = 16000000U; hz <= 168000000U; hz += 152000000U) {
-        for (uint32_t ns = 0; ns <= 5900U; ns++) {
+        for (uint16_t ns = 0; ns <= 5900U; ns++) {
             const uint32_t code = bridge_dead_time(hz, ns);
             const uint32_t step_ns = 16000000U / (hz / 1000U);        /* the coarsest */
             TEST_ASSERT_GREATER_OR_EQUAL(ns, dead_ns(code, hz) + 1U); /* 1: of the division */
             TEST_ASSERT_LESS_OR_EQUAL(ns + step_ns, dead_ns(code, hz));
         }
     }
-    TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(168000000U, 1000000U));
+    TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(168000000U, 65535U));
     TEST_ASSERT_EQUAL_HEX32(2U, bridge_dead_time(1000000001U, 1U)); /* a little more than one step is two */
     TEST_ASSERT_EQUAL_HEX32(1U, bridge_dead_time(1000000000U, 1U));
     TEST_ASSERT_EQUAL_HEX32(0xFFU, bridge_dead_time(1000000000U, 1009U)); /* the most that there is */
@@ -710,7 +710,7 @@ static void test_dead_time_is_never_shorter_than_asked(void) {
 
 /* The shortest that is not shorter, of all that the register knows; at 1 GHz a step is a nanosecond. */
 static void test_dead_time_is_the_shortest_of_all_codes(void) {
-    for (uint32_t ns = 0U; ns <= 1008U; ns++) {
+    for (uint16_t ns = 0U; ns <= 1008U; ns++) {
         uint32_t least = 0xFFFFFFFFU;
         for (uint32_t code = 0U; code < 256U; code++) {
             const uint32_t given = dead_ns(code, 1000000000U);
@@ -789,8 +789,31 @@ static void test_bridge_follows_duty(void) {
     TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
     TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR1 | timer.CCR2);
     bridge_drive(&b, 100, true);
+    bridge_drive(&b, 100, false);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR1 | timer.CCR2);
+    bridge_drive(&b, 100, true);
     bridge_off(&timer);
     TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+}
+
+/* Half a count goes up; either way alike. */
+static void test_the_duty_is_the_nearest_that_the_timer_has(void) {
+    static const uint32_t periods[] = {4200U, 4201U, 20001U};
+    for (size_t i = 0; i < (sizeof periods / sizeof periods[0]); i++) {
+        bridge b;
+        bridge_open(&b, &timer, 2U * periods[i] * 1000U, 1000U, 500U);
+        TEST_ASSERT_EQUAL_UINT32(periods[i], timer.ARR);
+        for (int32_t duty = 0; duty <= 32767; duty++) {
+            bridge_drive(&b, (int16_t)duty, true);
+            const int32_t rest = (duty * (int32_t)periods[i]) - ((int32_t)timer.CCR1 * 32768);
+            TEST_ASSERT_TRUE((rest >= -16384) && (rest < 16384));
+            TEST_ASSERT_EQUAL_UINT32(0U, timer.CCR2);
+            const uint32_t ahead = timer.CCR1;
+            bridge_drive(&b, (int16_t)-duty, true);
+            TEST_ASSERT_EQUAL_UINT32(ahead, (duty > 0) ? timer.CCR2 : timer.CCR1);
+            TEST_ASSERT_EQUAL_UINT32(0U, (duty > 0) ? timer.CCR1 : timer.CCR2);
+        }
+    }
 }
 
 static void test_break_holds_until_off_was_asked_for(void) {
@@ -802,6 +825,7 @@ static void test_break_holds_until_off_was_asked_for(void) {
     bridge_drive(&b, 1000, true);
     TEST_ASSERT_TRUE(b.broken);
     TEST_ASSERT_EQUAL_UINT32(0U, timer.BDTR & TIM_BDTR_MOE);
+    TEST_ASSERT_EQUAL_UINT32(0U, timer.SR & TIM_SR_BIF); /* or a break that has passed would hold forever */
     timer.SR = 0U;
     bridge_drive(&b, 1000, true); /* quiet again, but not asked off yet */
     TEST_ASSERT_TRUE(b.broken);
@@ -1009,6 +1033,7 @@ int main(void) {
     RUN_TEST(test_dead_time_is_the_shortest_of_all_codes);
     RUN_TEST(test_gates_are_held_off_from_the_start_and_after_each_off);
     RUN_TEST(test_bridge_follows_duty);
+    RUN_TEST(test_the_duty_is_the_nearest_that_the_timer_has);
     RUN_TEST(test_break_holds_until_off_was_asked_for);
     RUN_TEST(test_encoder);
     RUN_TEST(test_a_divided_encoder);

@@ -28,7 +28,7 @@ from terrapin_tools.workbench.compare.adequacy import (
 )  # fmt: skip
 from terrapin_tools.workbench.compare.bayes_factor import blocks_of
 from terrapin_tools.workbench.compare.comparison import _base_starts, analyse
-from terrapin_tools.workbench.compare.input_noise import undecided
+from terrapin_tools.workbench.compare.input_noise import _column, undecided
 from terrapin_tools.workbench.compare.intervals import _side
 from terrapin_tools.workbench.compare.noise_findings import noise_findings
 from terrapin_tools.workbench.model.data_columns import Shapes
@@ -400,3 +400,32 @@ def test_an_instrument_that_lags_takes_something_off_in_most_runs() -> None:
     assert comparison._lags(run, (late + noise + 5.0 * slope)[None], slopes, mishap)
     alone = np.where(run == 2, 5.0 * late, 0.0) + noise
     assert not comparison._lags(run, alone[None], slopes, mishap)
+
+
+@pytest.mark.parametrize("holds", [True, False])
+def test_a_model_without_numbers_at_a_run_s_mean_says_nothing_of_its_scatter(holds: bool) -> None:
+    """The prediction with an input as it was read less that with what the run held; none where a row has no number."""
+    run = np.repeat(np.arange(4), 20)
+    random = np.random.default_rng(6)
+    speed = np.array([2.0, 3.0, 4.0, 5.0])[run] + 0.1 * random.standard_normal(80)
+
+    def predict(inputs: dict[str, Array]) -> Array:
+        found = inputs["speed"] ** 2
+        constant = np.isin(run, [1]) & (np.ptp(inputs["speed"][run == 1]) < 1e-9)
+        return np.where(constant & (not holds), np.nan, found)[None]
+
+    case = SimpleNamespace(inputs={"speed": speed, "load": np.ones(80)}, run=run)
+    model = SimpleNamespace(case=case)
+    model.bind = lambda inputs, rows: SimpleNamespace(predict=lambda theta: predict(inputs))
+    fit: Any = SimpleNamespace(model=model, theta=np.zeros(1))
+    rows = np.ones(80, dtype=bool)
+    assert _column(fit, "load", rows) is None  # held still, and measured so
+    found = _column(fit, "speed", rows)
+    if not holds:
+        assert found is None
+        return
+    assert found is not None
+    means = np.array([speed[run == one].mean() for one in range(4)])
+    np.testing.assert_allclose(found[0], speed**2 - means[run] ** 2)
+    case.inputs["speed"] = np.sort(speed)  # it went on rising: the setting moved
+    assert _column(fit, "speed", rows) is None

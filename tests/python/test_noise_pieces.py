@@ -12,7 +12,7 @@ from scipy.stats import chi2
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.noise.covariance import Runs
-from terrapin_tools.workbench.noise.estimate import EXACT, Noise, least_noise, within_scatter
+from terrapin_tools.workbench.noise.estimate import EXACT, TRIED, Noise, least_noise, within_scatter
 from terrapin_tools.workbench.noise.kinds import ALIKE, NODES, Node, considered
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.mishaps import mishaps
@@ -50,6 +50,13 @@ def test_the_scatter_of_repeats_is_compared_with_what_that_noise_gives(node: Nod
         inside = covariance[np.ix_(rows, rows)]
         share += float(np.trace(inside) - inside.sum() / len(rows))
     assert within_scatter(runs, values, group, node) == pytest.approx(np.sqrt(scatter / share))
+
+
+@pytest.mark.parametrize("node", KINDS, ids=str)
+def test_the_floor_is_the_rms_of_whole_runs(node: Node) -> None:
+    run = np.repeat(np.arange(40), 8)
+    runs = Runs(run, level=np.random.default_rng(6).uniform(0.5, 3.0, (1, 320)))
+    assert node.floor == pytest.approx(np.sqrt(np.diag(dense(runs, node)).mean()), rel=1e-3)
 
 
 @pytest.mark.parametrize("stated", [None, 0.7])
@@ -116,6 +123,7 @@ def test_kinds_of_noise_lie_near_enough_to_each_other() -> None:
         (0.0, 0.0), (0.5, 0.6), (0.5, 0.9), (1.0, 0.3), (1.0, 0.6), (1.0, 0.8), (1.0, 0.92), (1.0, 0.98)
     }  # fmt: skip
     assert {node.grow for node in ALIKE} == {0.0, 0.5, 0.98}
+    assert {NODES[i].rho for i in TRIED} == {0.0, 0.6, 0.92}  # a shape is tried in white noise, too, and in slow
     for node in ALIKE:  # what is alike over most of a run is hard to tell from an offset: one beside it will do
         plain = not (node.drift or node.walk or node.gain or node.grow)
         beside = {

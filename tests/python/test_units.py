@@ -153,3 +153,14 @@ def test_two_groups_have_powers_and_no_third() -> None:
 def test_yes_and_no_are_no_numbers(value: bool) -> None:
     with pytest.raises(ValueError, match="expected a number, or text with a unit"):
         quantity(value, "m")
+
+
+def test_a_unit_that_is_none_is_refused_with_a_reason() -> None:
+    """In one line that is not as long as the text was; also where pint ends without a word."""
+    with pytest.raises(ValueError, match=r"^'&/' is not a unit: \w+") as refused:
+        read_unit("&/")
+    assert "\n" not in str(refused.value)
+    with pytest.raises(ValueError, match="longer than 100 characters") as refused:
+        read_unit("m*" * 50 + "m")
+    assert len(str(refused.value)) < 100
+    assert read_unit("m*" * 49 + "kg") == read_unit("m^9.8") ** 5 * read_unit("kg")

@@ -4,28 +4,27 @@
 
 #define TRIGGER_CLOCKS 8U /* before the top, 48 ns; TIM2, at half of TIM1's clock, could miss a pulse of one or two */
 
-uint32_t bridge_dead_time(uint32_t timer_hz, uint32_t dead_time_ns) {
+uint32_t bridge_dead_time(uint32_t timer_hz, uint16_t dead_time_ns) {
     const uint32_t steps = (uint32_t)((((uint64_t)timer_hz * dead_time_ns) + 999999999U) / 1000000000U);
     if (steps < 128U) {
         return steps;
     }
     if (steps <= 254U) { /* (64 + n) * 2 */
-        return 0x80U | (((steps + 1U) / 2U) - 64U);
+        return 0x80U + (((steps + 1U) / 2U) - 64U);
     }
     if (steps <= 504U) { /* (32 + n) * 8 */
-        return 0xC0U | (((steps + 7U) / 8U) - 32U);
+        return 0xC0U + (((steps + 7U) / 8U) - 32U);
     }
     if (steps <= 1008U) { /* (32 + n) * 16 */
-        return 0xE0U | (((steps + 15U) / 16U) - 32U);
+        return 0xE0U + (((steps + 15U) / 16U) - 32U);
     }
     return 0xFFU;
 }
 
-void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pwm_hz, uint32_t dead_time_ns) {
+void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pwm_hz, uint16_t dead_time_ns) {
     b->timer = timer;
     b->period = (uint16_t)(timer_hz / (2U * pwm_hz));
     b->broken = false;
-    timer->CR1 = 0U;
     timer->PSC = 0U;
     timer->ARR = b->period;
     timer->CCMR1 = TIM_CCMR1_PWM;
@@ -66,9 +65,10 @@ void bridge_drive(bridge *b, int16_t duty_q15, bool on) {
         return;
     }
     /* One side switches, the other's low transistor conducts. */
-    const uint32_t size = (uint32_t)((duty_q15 < 0) ? -(int32_t)duty_q15 : (int32_t)duty_q15);
+    const bool back = duty_q15 < 0;
+    const uint32_t size = (uint32_t)(back ? -(int32_t)duty_q15 : (int32_t)duty_q15);
     const uint32_t compare = ((size * b->period) + 16384U) >> 15U;
-    timer->CCR1 = (duty_q15 > 0) ? compare : 0U;
-    timer->CCR2 = (duty_q15 < 0) ? compare : 0U;
+    timer->CCR1 = back ? 0U : compare;
+    timer->CCR2 = back ? compare : 0U;
     TERRAPIN_PUT(timer->BDTR, timer->BDTR | TIM_BDTR_MOE);
 }

@@ -13,7 +13,7 @@ typedef struct {
 } bridge;
 
 /* Set up, outputs off. Centre-aligned at pwm_hz; dead_time_ns is rounded up to the timer's steps. */
-void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pwm_hz, uint32_t dead_time_ns);
+void bridge_open(bridge *b, tim_registers *timer, uint32_t timer_hz, uint32_t pwm_hz, uint16_t dead_time_ns);
 
 /* Duty -32767 to 32767 of the supply when `on`, all transistors off otherwise. After a break it stays off until it was
  * asked for `on` false and the input is quiet again. */
@@ -23,6 +23,6 @@ void bridge_drive(bridge *b, int16_t duty_q15, bool on);
 void bridge_off(tim_registers *timer);
 
 /* Register code of a dead time (RM0090, 17.4.18), rounded up; the longest there is when it is longer. */
-uint32_t bridge_dead_time(uint32_t timer_hz, uint32_t dead_time_ns);
+uint32_t bridge_dead_time(uint32_t timer_hz, uint16_t dead_time_ns);
 
 #endif

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.model.data_columns import Direction, Shapes
@@ -70,9 +70,9 @@ class _Alternative:
 
 
 def _alternatives(
-    directions: Sequence[Direction], shapes: Mapping[str, Shapes], run: Index, sigma: Array
+    directions: Sequence[Direction], shapes: Mapping[str, Shapes], rows: int, sigma: Array
 ) -> list[_Alternative]:
-    channels, rows = len(sigma), len(run)
+    channels = len(sigma)
     found = []
     for direction in directions:
         flat = (direction.change / sigma[:, None]).reshape(-1, 1)
@@ -84,12 +84,6 @@ def _alternatives(
                 block[channel] = columns.T
                 label = f"{kind if name else 'constant'}:{name}:{channel}"
                 found.append(_Alternative(label, block.reshape(channels * rows, -1)))
-    if len(np.unique(run)) > 2:
-        for one in np.unique(run):
-            for channel in range(channels):
-                block = np.zeros((channels, rows, 1))
-                block[channel, run == one, 0] = 1.0
-                found.append(_Alternative(f"run:{one}:{channel}", block.reshape(channels * rows, 1)))
     return found
 
 
@@ -140,7 +134,7 @@ def assess(
     if behind:
         drawn *= np.sqrt(STATED / random.chisquare(STATED, drawn.shape[1]))
     null, _ = statistic(drawn)
-    gain = _gains(runs, slopes, scaled, noise.node, _alternatives(directions, shapes, run, noise.sigma))
+    gain = _gains(runs, slopes, scaled, noise.node, _alternatives(directions, shapes, len(run), noise.sigma))
     p_value = float(np.clip(MARGIN_OF_LEVEL * _p_value(float(observed[0]), null), TINY, 1.0))
     return Adequacy(p_value, float(observed[0]), gain)
 
