@@ -1,7 +1,7 @@
 # Fuzz targets of everything that reads bytes from outside. With clang's libFuzzer (preset fuzz) they search; otherwise the
 # same targets run over the corpus and over a bounded, deterministic set of mutations of it.
 set(FUZZ_DIR ${CMAKE_SOURCE_DIR}/tests/firmware/fuzz)
-set(FUZZ_SECONDS 10 CACHE STRING "Seconds that one libFuzzer test runs")
+set(FUZZ_SECONDS 5 CACHE STRING "Seconds that one libFuzzer test runs")
 set(FUZZ_MUTATIONS 50000 CACHE STRING "Mutated inputs that one test without libFuzzer runs")
 
 foreach(name slcan can intake step readers update)

@@ -196,8 +196,8 @@ CAMPAIGNS: dict[str, Callable[[], list[Row]]] = {
     "steady_real": lambda: steady_real(200),
     "carriage": carriage,
     "slope": slope,
-    "determinism": lambda: determinism(20, build(("o0", "m32"))),
-    "builds": lambda: builds(build(("o0", "m32", "asan"))),
+    "determinism": lambda: determinism(20, build(("coverage", "m32"))),
+    "builds": lambda: builds(build(("coverage", "m32", "asan"))),
 }
 
 

@@ -117,6 +117,39 @@ def propeller(folder: Path, batt: float) -> Path:
     return write(folder, 'thrust = "c*n**2"', "[fit]\nc = { value = 1e-3 }\n", mapped, columns)
 
 
+@pytest.mark.parametrize("rest", ["sqrt", "log"])
+def test_a_formula_without_numbers_at_its_start_is_fitted_from_elsewhere(tmp_path: Path, rest: str) -> None:
+    """As who maps a table leaves it: every parameter begins at 0, and the formula divides by one of them."""
+    random = np.random.default_rng(5)
+    load = random.uniform(0.02, 0.4, RUNS * ROWS)
+    current = load / 0.052 + 0.35 + 5e-3 * random.standard_normal(len(load))
+    mapped = 'load = { column = "load", unit = "N m" }\ncurrent = { column = "current", unit = "A" }\n'
+    fit = "[fit]\nk = { value = 0.0 }\ni0 = { value = 0.0 }\n"
+    columns = {"load": load, "current": current}
+    found = fitted(write(tmp_path / "case", 'current = "load/k + i0"', fit, mapped, columns))
+    assert found["k"] == pytest.approx(0.052, rel=0.01)
+    assert found["i0"] == pytest.approx(0.35, rel=0.02)
+    none = write(tmp_path / "none", f'current = "{rest}(-load - k*k - 0.01) + i0"', fit, mapped, columns)
+    with pytest.raises(UserError, match="the model gives nan for current at the start values, expected a number"):
+        analyse(load_case(none))
+
+
+def test_the_runs_that_carry_the_misfit_are_the_worst(tmp_path: Path) -> None:
+    """What runs within the noise lack of it is no credit of the others: they are not named, the one far off is."""
+    random = np.random.default_rng(7)
+    load = np.repeat(np.linspace(0.0, 0.3, RUNS), ROWS)
+    torque = 2.0 * load + 0.003 * random.standard_normal(len(load))
+    torque[3 * ROWS : 4 * ROWS] += 0.03
+    mapped = 'load = { column = "load", unit = "N m" }\ntorque = { column = "torque", unit = "N m", sigma = 0.01 }\n'
+    fit = "[fit]\na = { value = 1 }\n"
+    folder = write(tmp_path / "case", 'torque = "a*load"', fit, mapped, {"load": load, "torque": torque})
+    story = told(analyse(load_case(folder)))
+    lines = [line for line in story.notes if line.startswith("Half of the misfit")]
+    assert len(lines) == 1
+    assert lines[0].startswith(f"Half of the misfit is in 1 of {RUNS} runs: r03 (")
+    assert lines[0].endswith(" noise sd).")
+
+
 def listed(folder: Path) -> set[str]:
     """The formulas that compete to be added to the thrust."""
     ranker = Ranker(analyse(load_case(folder)), lambda _: None)

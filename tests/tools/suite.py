@@ -27,7 +27,7 @@ from steps import LOGS, ROOT, TOOLS, Result, report, run
 CLOSING = r"% tests passed|^\d+: core on Cortex-M4"
 BUILDS = {
     "test": ("host",),
-    "rest": ("o0", "m32", "asan", "fuzz", "coverage", "cortex-m4"),
+    "rest": ("m32", "asan", "fuzz", "coverage", "cortex-m4"),
 }
 COVERED = r"firmware/core/.*\.c"
 FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that hold tests

@@ -134,9 +134,14 @@ def error(fit: Fit, rows: Mask, sigma: Array) -> float | None:
 
 def _base_starts(bound: Bound, seed: int) -> list[Array]:
     """The case's start values, and points inside the bounds (logarithmic where both bounds are positive). Of what is
-    integrated over time one more where none of them gives numbers: at some values no wheel is carried."""
+    integrated over time one more where none of them gives numbers: at some values no wheel is carried. Of all else each
+    power of ten from 0.001 to 1000 in the place of zeros, where those give none: a formula may divide by them."""
     model = bound.model
     starts = [model.start]
+    if not model.case.base.whole_runs and not _gives_numbers(bound, model.start):
+        zero = model.start == 0.0
+        others = (np.clip(np.where(zero, 10.0**n, model.start), model.lower, model.upper) for n in range(-3, 4))
+        return [one for one in others if _gives_numbers(bound, one)] or starts
     bounded = np.isfinite(model.lower) & np.isfinite(model.upper)
     if model.case.base.convex or not bounded.all() or not bounded.size:
         return starts
@@ -391,8 +396,7 @@ def _fitted(case: Case, seed: int) -> _Fitted:
     rows = case.train | case.test
     model = Model.of(case)
     bound = model.bind(case.inputs, rows)
-    starts = _base_starts(bound, seed) if case.base.whole_runs else []
-    if not any(_gives_numbers(bound, start) for start in starts):
+    if not any(_gives_numbers(bound, start) for start in _base_starts(bound, seed)):
         with np.errstate(all="ignore"):
             first = bound.predict(model.start)
         _require_numbers(case, model, first, model.start, rows, "at the start values")

@@ -334,7 +334,7 @@ def carried(errors: Sequence[tuple[str, float]], runs: int) -> str:
     """The runs whose misfit makes up half of all, with their errors in noise sd, worst first."""
     if not errors:
         return "No run is further off than its noise: the misfit is in how the rows follow each other."
-    names = ", ".join(f"{name} (error {in_sd(error)})" for name, error in errors[:NAMED_RUNS])
+    names = ", ".join(f"{name} ({in_sd(error)} noise sd)" for name, error in errors[:NAMED_RUNS])
     more = f" and {len(errors) - NAMED_RUNS} more" if len(errors) > NAMED_RUNS else ""
     return f"Half of the misfit is in {len(errors)} of {runs} runs: {names}{more}."
 

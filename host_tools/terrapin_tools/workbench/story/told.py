@@ -377,13 +377,14 @@ def _doubtful(analysis: Analysis, found: Findings) -> list[str]:
 def _carried(analysis: Analysis, sigma: npt.NDArray[np.float64]) -> str:
     """The runs whose misfit beyond noise makes up half of all."""
     run = analysis.case.run[analysis.rows]
-    square = ((analysis.residual / sigma[:, None]) ** 2).mean(axis=0) - 1.0
+    square = ((analysis.residual / sigma[:, None]) ** 2).mean(axis=0)
     runs, place = np.unique(run, return_inverse=True)
-    each = np.bincount(place, square)
-    order = np.argsort(-each, kind="stable")
-    before = np.cumsum(each[order]) - each[order]
-    carrying = order[before < 0.5 * np.maximum(each, 0.0).sum()]
-    error = np.sqrt(np.maximum(each / np.bincount(place) + 1.0, 0.0))
+    rows, of_run = np.bincount(place), np.bincount(place, square)
+    beyond = np.maximum(of_run - rows, 0.0)  # a run within its noise takes nothing off the others' misfit
+    order = np.argsort(-beyond, kind="stable")
+    before = np.cumsum(beyond[order]) - beyond[order]
+    carrying = order[before < 0.5 * beyond.sum()]
+    error = np.sqrt(of_run / rows)
     return sentences.carried([(analysis.case.run_names[runs[i]], float(error[i])) for i in carrying], len(runs))
 
 

@@ -176,7 +176,9 @@ class Predictor:
         """Prediction (channels, rows) and its derivatives (channels, rows, parameters)."""
         sets, step = self.moved(theta)
         values = self.near(sets)
-        return values[0], np.moveaxis((values[1:] - values[0]) / step[:, None, None], 0, -1)
+        with np.errstate(invalid="ignore"):  # there are places without numbers, which whoever asks looks for
+            slopes = (values[1:] - values[0]) / step[:, None, None]
+        return values[0], np.moveaxis(slopes, 0, -1)
 
 
 @dataclass(frozen=True, kw_only=True)
