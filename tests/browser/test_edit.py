@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 from contextlib import closing
+from pathlib import Path
 
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
@@ -81,8 +83,16 @@ def test_changes_and_back(page: Page, server: Server) -> None:
 
 
 def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browser) -> None:
-    """An absent case, an absent source, a file that is none, a slip in a formula; each is mended without a reload."""
+    """An absent case, an absent source, a file that is none, a slip in a formula, a model without numbers; each is
+    mended without a reload."""
     server.ask("POST", "/api/examples/heated_motor")
+    without = server.workspace / "cases" / "without"
+    shutil.copytree(Path(__file__).parents[2] / "cases" / "heated_motor", without)
+    (without / "case.toml").write_text(
+        '[case]\ntitle = "w"\n\n[model]\nbase = "equation"\n\n[model.equation]\ncurrent = "k*log(0*speed)"\n\n'
+        '[fit]\nk = { value = 1 }\n\n[data]\nfiles = ["runs.csv"]\nrun = "run"\n\n[data.columns]\n'
+        'speed = { column = "shell_speed", unit = "rad/s" }\ncurrent = { column = "motor_current", unit = "mA" }\n'
+    )
     with closing(browser.new_context()) as context:  # of its own: the browser's console notes each refusal
         page = context.new_page()
         page.goto(f"{server.line}#workbench/nothere")
@@ -94,7 +104,14 @@ def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browse
         page.locator("#files").set_input_files(wrong)  # type: ignore[arg-type]
         expect(page.get_by_role("alert")).to_have_text(re.compile("^junk.csv: byte 128 is not UTF-8 text"))
         page.get_by_role("button", name="Dismiss").click()
+        page.evaluate("location.hash = '#workbench/without'")
+        expect(page.get_by_role("alert")).to_contain_text("the model gives")
+        expect(page.get_by_role("button", name="Undo", exact=True)).to_be_visible()
+        expect(page.locator(".case-grid")).to_be_hidden()  # no picture of numbers that there are not
+        page.get_by_role("link", name="Workbench").click()
         page.get_by_role("link", name="Steady rolling on dry sand").click()
+        page.get_by_role("button", name="Compare", exact=True).click()
+        expect(page.get_by_text("Compared again: nothing in the case has changed")).to_be_visible()
         page.get_by_text("Own effect").click()
         page.get_by_label("expression").fill("k * omga")
         expect(page.locator(".own")).to_contain_text("or is omega meant?")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 import shutil
+import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
 
@@ -77,7 +78,11 @@ def test_zoom_select_and_save(page: Page, tmp_path: Path) -> None:
     words = [text.text for text in ElementTree.parse(picture).iter("{http://www.w3.org/2000/svg}text")]
     assert "current, A" in words
     assert "temperature, degC" in words
-    assert saved(page, "Model and measurement: save as PNG", tmp_path / "plot.png").read_bytes()[:4] == b"\x89PNG"
+    assert {"training", "held out", "the model fails"} <= set(words)  # what its marks mean
+    assert any(str(word).endswith("model, 95 % band") for word in words)
+    sharp = saved(page, "Model and measurement: save as PNG", tmp_path / "plot.png").read_bytes()
+    assert sharp[:4] == b"\x89PNG"
+    assert struct.unpack(">2I", sharp[16:24]) == (1920, 1260)  # sharp on paper, however wide the window
 
     canvas.press("Escape")
     expect(picked).to_have_text("")

@@ -85,7 +85,9 @@ def test_in_process_and_over_a_pty_give_the_same_hash(name: str) -> None:
     assert run(replace(scenario, seed=99)).output_hash != here.output_hash
 
 
-@pytest.mark.parametrize(("preset", "flag"), [("coverage", "-O0"), ("m32", "-m32"), ("asan", "-fsanitize=address,undefined")])
+@pytest.mark.parametrize(
+    ("preset", "flag"), [("coverage", "-O0"), ("m32", "-m32"), ("asan", "-fsanitize=address,undefined")]
+)
 def test_other_builds_give_the_same_hash(preset: str, flag: str) -> None:
     """Not optimised, 32 bit, with sanitizers: the same controller. These builds come from `cmake --preset m32` and its
     like. Each scenario's beginning; whole ones are in tests/campaigns/must_hold.py."""

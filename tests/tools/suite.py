@@ -21,6 +21,7 @@ import xml.etree.ElementTree as ElementTree
 from collections.abc import Sequence
 from pathlib import Path
 
+import tiers
 from reach import of_change
 from steps import LOGS, ROOT, TOOLS, Result, report, run
 
@@ -94,6 +95,11 @@ def coverage() -> Result:
     )  # fmt: skip
 
 
+def _places(tier: str | None) -> list[str]:
+    """Where the tests of a tier are: each worker reads all of it before it runs any."""
+    return FOLDERS if tier != "rest" else sorted({name.partition("::")[0].partition("[")[0] for name in tiers.rest()})
+
+
 def pytest(
     workers: int, waits: Path | None, tier: str | None, files: Sequence[str] | None = None
 ) -> tuple[Result, list[str], dict[str, int]]:
@@ -110,7 +116,7 @@ def pytest(
         "-m",
         "pytest",
         *PYTEST,
-        *(FOLDERS if files is None else files),
+        *(_places(tier) if files is None else files),
         f"-n{workers}",
         f"--junitxml={junit}",
         *noting,

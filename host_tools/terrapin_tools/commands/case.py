@@ -129,7 +129,9 @@ def map_(
     effect: Effects = None,
     column: Annotated[Texts, typer.Option("--column", metavar="NAME=COLUMN", help="what a column is")] = None,
     unit: Annotated[Texts, typer.Option("--unit", metavar="NAME=UNIT", help="of a column")] = None,
-    noise: Annotated[Texts, typer.Option("--noise", metavar="NAME=SD", help="of a row, in the column's unit")] = None,
+    noise: Annotated[
+        Texts, typer.Option("--noise", metavar="NAME=SD", help="of a row, in the column's unit or its own: '5 mA'")
+    ] = None,
     constant: Annotated[Texts, typer.Option("--constant", metavar="NAME=VALUE", help="known parameter")] = None,
     fit: Annotated[Texts, typer.Option("--fit", metavar="NAME=START[:MIN:MAX[:UNIT]]", help="to be fitted")] = None,
     equation: Annotated[Texts, typer.Option("--equation", metavar="NAME=FORMULA", help="of base equation")] = None,

@@ -32,7 +32,8 @@ from terrapin_tools.workbench.new_case.options import arguments
 __all__ = ["router"]
 
 router = APIRouter(prefix="/api", tags=["cases"])
-Quantity = FiniteFloat | Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=100)]
+Words = Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]+$", max_length=100)]
+Quantity = FiniteFloat | Words
 Key = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]{0,63}$")]
 
 
@@ -41,7 +42,9 @@ class MappedColumn(Request):
 
     column: Line
     unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
-    sigma: Annotated[FiniteFloat, Field(gt=0)] | None = Field(default=None, description="sd of a row, in `unit`")
+    sigma: Annotated[FiniteFloat, Field(gt=0)] | Words | None = Field(
+        default=None, description="sd of a row, in `unit` or with its own"
+    )
 
 
 class Limit(Request):

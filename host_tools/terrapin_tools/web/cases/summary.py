@@ -58,6 +58,7 @@ def _summary(folder: Path) -> dict[str, Any]:
         return {**empty, "verdict": None, "chip": "", "error": _plain(error)}
     answer = _last(folder)
     findings = answer.get("noise", {}).get("findings", ()) if answer else ()
+    mishap = bool(answer and (answer.get("mishap") or answer.get("odd_runs")))
     strange = [one["channel"] for one in findings if one["kind"] == "larger" and one["value"] > FAR]
     return {
         "title": case.title,
@@ -67,7 +68,7 @@ def _summary(folder: Path) -> dict[str, Any]:
         "rows": case.rows,
         "channels": list(case.channels),
         "verdict": None if answer is None else answer["verdict"],
-        "chip": "" if answer is None else chip(answer["verdict"], answer.get("answer_probability"), strange),
+        "chip": "" if answer is None else chip(answer["verdict"], answer.get("answer_probability"), strange, mishap),
         "error": None,
     }
 

@@ -24,7 +24,15 @@ from terrapin_tools.web.cases import all_rows
 from terrapin_tools.workbench.case import history
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
-from terrapin_tools.workbench.compare.comparison import Analysis, analyse, error, fitted_on, measured, predict
+from terrapin_tools.workbench.compare.comparison import (
+    Analysis,
+    analyse,
+    error,
+    fitted_on,
+    measured,
+    predict,
+    require_numbers,
+)
 from terrapin_tools.workbench.compare.refit import refit
 from terrapin_tools.workbench.experiment.rig_settings import SETTABLE
 from terrapin_tools.workbench.files.json_text import finite
@@ -57,6 +65,7 @@ def draft(folder: str | Path, rows_to: str = "") -> dict[str, Any]:
     sigma = np.array([max(s, 1e-300) if g is None else g for s, g in zip(scale, given, strict=True)])
     fits = fitted_on(case, case.effects, case.train, sigma)
     prediction = predict(fits[-1], rows)
+    require_numbers(case, fits[-1].model, prediction, fits[-1].theta, rows, "after the fit")
     base = predict(fits[0], rows) if case.effects else None
     drawn = Drawn(case, rows, channels, sigma, prediction, measured(fits[-1].model, rows) - prediction, base)
     plot = drawn_data(drawn, (), (), ())

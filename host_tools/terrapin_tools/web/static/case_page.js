@@ -31,6 +31,7 @@ export class CasePage {
     /** @type {Map<string, JobNews>} */
     this.jobs = new Map(); // that run
     this.closed = this.reported = false;
+    this.drawing = 0; // jobs that have ended and are not drawn yet
     this.turn = 0;
     this.path = `cases/${encodeURIComponent(name)}`;
     this.folder = app.place('cases', name); // for a shell
@@ -88,7 +89,9 @@ export class CasePage {
     } catch (error) {
       if (this.closed || turn !== this.turn) return;
       this.complain(error);
-      if (!this.view) this.top.replaceChildren();
+      if (this.view) return;
+      this.grid.hidden = true; // no numbers, no picture
+      this.top.replaceChildren(this.app.h('div', { class: 'lead' }, this.app.h('div', { class: 'actions' }, this.steps.element))); // the way back
     }
   }
 
@@ -160,7 +163,7 @@ export class CasePage {
       h('div', { class: 'actions' },
         main === 'add' ? h('button', { type: 'button', class: 'main', text: `Add ${view.missing.join(' + ')}`, onclick: () => this.run({ do: 'add', effects: view.missing }) }) : null,
         this.steps.element,
-        h('button', { type: 'button', text: 'Compare', onclick: () => this.run({ do: 'compare' }) }),
+        h('button', { type: 'button', text: 'Compare', title: 'Compare model and measurements again', onclick: () => this.compare() }),
         h('button', { type: 'button', class: main === 'discover' ? 'main' : '', text: 'Discover', onclick: () => this.run({ do: 'discover' }) }),
         h('button', { type: 'button', text: 'Report', onclick: () => this.report() }),
         this.reported ? h('a', { class: 'small', href: `/api/${this.path}/report`, target: '_blank', rel: 'noopener', text: 'Last report' }) : null),
@@ -232,8 +235,17 @@ export class CasePage {
       if (!this.closed) this.complain(error);
       return null;
     } finally {
+      this.drawing += 1; // what it has come to is compared and drawn: until then the bar stays
+      this.bar();
       if (!this.closed) await this.load();
+      this.drawing -= 1;
+      this.bar();
     }
+  }
+
+  async compare() {
+    const before = JSON.stringify(this.view);
+    if (await this.run({ do: 'compare' }) && JSON.stringify(this.view) === before) this.say('Compared again: nothing in the case has changed, the answer is as before.');
   }
 
   /**
@@ -280,11 +292,19 @@ export class CasePage {
 
   /** @param {JobNews} job */
   progress(job) {
-    const { h } = this.app;
     if (job.state && ACTIVE.includes(job.state)) this.jobs.set(job.id, job); else this.jobs.delete(job.id);
-    const [first] = this.jobs.values();
-    this.app.keepFocus(this.element, () => { this.jobBar.hidden = !first; }, this.after);
-    if (!first) return;
+    this.bar();
+  }
+
+  /** The first job that runs, with what it says; or that what it came to is being drawn. */
+  bar() {
+    const { h } = this.app, [first] = this.jobs.values();
+    if (this.closed) return;
+    this.app.keepFocus(this.element, () => { this.jobBar.hidden = !first && !this.drawing; }, this.after);
+    if (!first) {
+      this.jobBar.replaceChildren(...(this.drawing ? [h('progress', { 'aria-label': 'Drawing' }), h('strong', { text: 'Comparing, and drawing it' })] : []));
+      return;
+    }
     const line = first.progress?.length ? first.progress[first.progress.length - 1] : '';
     const doing = WORDS[first.do || ''] || first.do;
     this.app.keepFocus(this.jobBar, () => this.jobBar.replaceChildren(h('progress', { 'aria-label': doing }),

@@ -122,14 +122,14 @@ export class MapForm {
   /** The case that is asked for; an Error says what is missing. */
   order() {
     const { base, data, dbc } = this;
-    /** @type {Record<string, { column: string, unit: string, sigma?: number }>} */
+    /** @type {Record<string, { column: string, unit: string, sigma?: number | string }>} */
     const columns = {};
     for (const one of this.rows) {
       if (!one.is.value || (base.own_names && !/^[A-Za-z_]\w*$/.test(one.is.value))) continue;
       const sigma = one.sigma.value.trim();
       if (columns[one.is.value]) throw new Error(`${one.is.value}: two columns are mapped to it, expected one`);
-      if (sigma && !(Number(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, or nothing`);
-      columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number(sigma) } : {}) };
+      if (sigma && !(parseFloat(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, with a unit or in the column's, or nothing`);
+      columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number.isNaN(Number(sigma)) ? sigma : Number(sigma) } : {}) };
     }
     if (!Object.keys(columns).length) throw new Error('no column is mapped, expected at least one');
     /** @type {Record<string, number | string>} */

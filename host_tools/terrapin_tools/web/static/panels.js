@@ -20,7 +20,7 @@ export function nextStep(page, view) {
 
 /** @param {CasePage} page @param {View} view @param {Experiment} next */
 function experiment(page, view, next) {
-  const head = h('tr', {}, next.vary.map((text) => h('th', { class: 'n', scope: 'col', text })));
+  const head = h('tr', {}, h('td'), next.vary.map((text) => h('th', { class: 'n', scope: 'col', text })));
   const rows = next.settings.map((row) => h('tr', {}, row.map((text) => h('td', { class: 'n', text }))));
   const truth = h('select', { 'aria-label': 'What the simulated robot has' }, view.rivals.map((set, i) => h('option', { value: String(i), text: set.join(' + ') })));
   const run = h('button', { type: 'button', class: 'main', text: 'Run it in the simulator', onclick: () => simulate(page, view.rivals[Number(truth.value)]) });

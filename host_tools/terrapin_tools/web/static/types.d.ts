@@ -120,10 +120,12 @@ interface Axis { name: string; unit?: string }
 interface Points { values: number[]; rows: number[]; kind: string; color: string; size?: number; alpha?: number }
 interface Line { values: number[]; lines: number[][] | null; color: string; width: number; dash?: number[]; under?: boolean }
 interface Band { values: number[]; lines: number[][] | null; half: number; color: string }
+/** What a mark means. */
+interface Key { text: string; mark: 'dot' | 'held' | 'line' | 'dashed' | 'box'; color: string }
 interface PlotTable { columns: string[]; rows: (string | number)[][] }
 interface PlotSpec {
   x: Axis & { values: number[]; chosen?: boolean }; y: Axis; points: Points[]; lines: Line[]; bands: Band[]; ranges: number[][];
-  level?: number[] | null; frame?: { x: number[]; y: number[] }; describe(row: number): string; table(): PlotTable; alt?: string;
+  keys?: Key[]; level?: number[] | null; frame?: { x: number[]; y: number[] }; describe(row: number): string; table(): PlotTable; alt?: string;
 }
 /** Where a plot stands on its canvas [px], what it shows, and how a value becomes a place. */
 interface PlotMap { box: { x0: number; x1: number; y0: number; y1: number }; xs: number[]; ys: number[]; X: Scale; Y: Scale; x: Scale; y: Scale }

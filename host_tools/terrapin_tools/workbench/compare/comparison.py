@@ -54,6 +54,7 @@ __all__ = [
     "measured",
     "noise_around",
     "predict",
+    "require_numbers",
     "sds",
 ]
 
@@ -399,7 +400,7 @@ def _fitted(case: Case, seed: int) -> _Fitted:
     if not any(_gives_numbers(bound, start) for start in _base_starts(bound, seed)):
         with np.errstate(all="ignore"):
             first = bound.predict(model.start)
-        _require_numbers(case, model, first, model.start, rows, "at the start values")
+        require_numbers(case, model, first, model.start, rows, "at the start values")
     given = [case.sigma[c] for c in model.channels]
     stated = all(g is not None for g in given)
     values = measured(model, case.train)
@@ -423,7 +424,7 @@ def _noise_of(
     """The noise around a fit that was made with the sds `sigma`, the columns of noisy inputs, and the directions."""
     rows = case.train | case.test
     prediction, residual, slopes = free_slopes(fit, sigma, rows)
-    _require_numbers(case, fit.model, prediction, fit.theta, rows, "after the fit")
+    require_numbers(case, fit.model, prediction, fit.theta, rows, "after the fit")
     # a dynamic model's motion depends on what went before: equal inputs are no repeated settings
     roles = {} if case.base.whole_runs else {name: v[rows] for name, v in case.roles.items()}
     directions = _directions(fit.model, fit.theta, rows, sigma)
@@ -450,7 +451,7 @@ def noise_around(case: Case, fit: Fit, known: Noise, again: bool = False) -> Noi
     return followed(estimated(given) if again else known, given, estimated)
 
 
-def _require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:
+def require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:
     """UserError that names the first row at which the model gives no number (log of a negative one, 1/0, overflow)."""
     trouble = "" if np.isfinite(prediction).all() else model.bind(case.inputs, rows).trouble(theta)
     if trouble:

@@ -87,7 +87,7 @@ def read(
         for name, text in pairs(option, texts).items():
             if name not in mapped:
                 raise UserError(f"{option}: found {name}, expected one of {', '.join(mapped)}")
-            mapped[name][key] = _above_0(option, text) if key == "sigma" else text
+            mapped[name][key] = _sd(option, text) if key == "sigma" else text
     if not 1 <= every <= 1_000_000:
         raise UserError(f"--every: found {every}, expected 1 to 1000000")
     shape = "START[:MIN:MAX[:UNIT]]"
@@ -167,6 +167,13 @@ def _constant(text: str) -> float | bool | str:
         return _number(text)
     except ValueError:
         return text
+
+
+def _sd(option: str, text: str) -> float | str:
+    """A number above 0, or a quantity with its own unit as it stands."""
+    number, _, unit = text.strip().partition(" ")
+    value = _above_0(option, number)
+    return f"{number} {unit.strip()}" if unit else value
 
 
 def _above_0(option: str, text: str) -> float:

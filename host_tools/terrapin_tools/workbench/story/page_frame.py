@@ -131,7 +131,7 @@ missing</span></h2><table><thead><tr><th class="n">terms</th><th></th><th class=
 {%- if curve_svg %}<section><h2>A curve that has no formula here <span>band: 95 %</span></h2>{{ curve_svg|safe }}
 </section>{% endif %}
 <section class="next{{ " ok" if story.verdict in ("adequate", "missing") }}"><h2>Next</h2><p>{{ story.next.text }}</p>
-{%- if story.next.settings %}<table><thead><tr>
+{%- if story.next.settings %}<table><thead><tr><td></td>
 {%- for role in story.next.vary %}<th class="n">{{ role }}</th>{% endfor %}</tr></thead><tbody>
 {%- for setting in story.next.settings %}<tr>{% for value in setting %}<td class="n">{{ value }}</td>{% endfor %}</tr>
 {%- endfor %}</tbody></table>{% endif %}

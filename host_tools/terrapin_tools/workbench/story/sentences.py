@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
 from terrapin_hil.units import behind
@@ -71,6 +72,7 @@ CHIPS = {
     "ambiguous": "the data cannot tell",
     "partial": "part is known",
     "unexplained": "unexplained",
+    "mishap": "look at the runs first",
 }
 SHOWN_ROWS = 4  # rows that are named at most
 HEADINGS = {  # over the candidates, and what the number beside each of them is; "" for every other verdict
@@ -210,9 +212,11 @@ def verdict(found: Findings | None, p: float) -> str:
     return f"{_either(sets)} (probability {chance(found.probability)})".lstrip()
 
 
-def chip(verdict: str, probability: float | None, strange: Collection[str]) -> str:
+def chip(verdict: str, probability: float | None, strange: Collection[str], mishap: bool = False) -> str:
     """The verdict in a word or two. No alarm, which is all that compare can say, is not yet an adequate model:
-    something else may be likelier, or the noise `strange`."""
+    something else may be likelier, or the noise `strange`. `mishap`: the runs are blamed, and not the model."""
+    if mishap and verdict == "unexplained":
+        return CHIPS["mishap"]
     doubtful = verdict == "adequate" and (bool(strange) or probability is None or probability < EVEN)
     return CHIPS["doubtful" if doubtful else verdict]
 
@@ -564,6 +568,9 @@ def next_step(
         text = "Put in what is part of it, and look again at what is left."
         return Next("add", text, offer="Add it" if len(found.missing) == 1 else "Add them", command=add)
     if found.verdict == "unexplained":
+        if found.blamed and found.blamed.kind == "run":
+            runs = f"{'run' if len(found.blamed.runs) == 1 else 'runs'} {', '.join(found.blamed.runs)}"
+            return Next("nothing", f"Repeat {runs}, or leave {runs} out of the table, and look again.")
         if found.unknown:
             text = (
                 f"Measure between the settings of {found.unknown.column} that you have, and look at the curve: it says "
@@ -586,12 +593,13 @@ def _experiment(plan: Experiment, units: Mapping[str, str], zeros: Collection[st
     at = {role: 0.0 if role in zeros else value for role, value in plan.hold.items()}
     hold = ", ".join(f"{role} {number(value)}{behind(units.get(role, ''))}" for role, value in at.items())
     after = f"Afterwards the wrong one would be preferred in {of_hundred(plan.error_rate)} cases."
+    rows = Counter(tuple(number(setting[role]) for role in plan.vary) for setting in plan.settings)
     return Next(
         "experiment",
         f"{plan.runs} runs that vary {' and '.join(plan.vary)} tell {' and '.join(plan.separates)} apart. "
         f"{plan.reason}",
         vary=tuple(named_unit(role, units.get(role, "")) for role in plan.vary),
-        settings=tuple(tuple(number(setting[role]) for role in plan.vary) for setting in plan.settings),
+        settings=tuple((f"{count} x", *row) for row, count in rows.items()),
         after=f"Hold {hold}. {after}" if hold else after,
         offer=LIKELIEST,
         command=add,

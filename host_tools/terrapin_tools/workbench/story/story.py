@@ -212,7 +212,7 @@ class Short:
 
 @dataclass(frozen=True)
 class Next:
-    """What to do next: discover, add, experiment or nothing; `settings` are of one run each, in the order of `vary`."""
+    """What to do next: discover, add, experiment or nothing; `settings`: how many runs, and what each of `vary` is."""
 
     do: str
     text: str

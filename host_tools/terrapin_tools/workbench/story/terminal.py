@@ -7,7 +7,6 @@ numbers of the model.
 from __future__ import annotations
 
 import textwrap
-from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from terrapin_hil.units import behind
@@ -124,8 +123,7 @@ def _formula(card: Card) -> str:
 
 def _next(step: Next) -> list[str]:
     lines = _wrapped(f"Next: {step.text}")
-    settings = Counter(step.settings)
-    lines += _table([("", *step.vary), *((f"{count} x", *one) for one, count in settings.items())]) if settings else []
+    lines += _table([("", *step.vary), *step.settings]) if step.settings else []
     lines += _wrapped(step.after, "  ") if step.after else []
     return lines + ([f"{step.offer}:  {step.command}"] if step.command else [])
 

@@ -87,7 +87,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         verdict=verdict,
         p_value=p,
         level=analysis.level,
-        chip=sentences.chip(verdict, found.probability if found else None, strange),
+        chip=sentences.chip(verdict, found.probability if found else None, strange, bool(found and found.blamed)),
         headline=sentences.headline(found, analysis.missing, p, analysis.level, strange),
         alarm=alarm if found and analysis.missing else "",
         where=tuple(replace(p, sentence=sentences.place(p, case.units.get(p.variable, ""))) for p in where),

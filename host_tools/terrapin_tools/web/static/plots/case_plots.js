@@ -3,6 +3,7 @@ import { css, h, number, unit } from './basics.js';
 import { curve, extent } from './painting.js';
 import { Plot } from './plot.js';
 
+const FAILS = 'fails here';
 const SETTLED_MS = 80; // after the last step of a zoom, before its rows are asked for
 
 /** Standard deviation. @param {number[]} values */
@@ -194,12 +195,23 @@ export class CasePlots {
     /** @param {number} i */
     const tell = (i) => `run ${plot.runs[plot.run[i]]}${held[i] ? ', held out' : ''}\n${x.name} ${number(x.values[i])}${unit(x.unit)}\nmeasured ${number(c.measured[i])}${unit(c.unit)}\nmodel ${number(c.predicted[i])}${unit(c.unit)}`
       + added.map((one) => `\n${one.label} ${number(one.values[i])}${unit(c.unit)}`).join('') + `\nresidual ${number(left[i], 3)}${known ? ' noise sd' : unit(c.unit)}`;
-    const ranges = fails.map((w) => w.range);
+    const ranges = hidden.has(FAILS) ? [] : fails.map((w) => w.range);
     const spans = fails.map((w) => [...new Set(w.range.map((v) => number(v)))].join(' to ')).join(', ');
     const span = spans ? `${spans}${unit(x.unit)}` : '';
-    const table = () => this.table(plot, x, c, left);
+    const table = () => this.table(plot, x, c, left, known, added, held);
+    /** @type {Key[]} */
+    const marks = [
+      ...(rows[0].length && !hidden.has('training') ? [{ text: 'training', mark: /** @type {const} */ ('dot'), color: css('--ink') }] : []),
+      ...(rows[1].length && !hidden.has('held out') ? [{ text: 'held out', mark: /** @type {const} */ ('held'), color: css('--ink') }] : []),
+    ];
+    /** @type {Key[]} */
+    const marked = ranges.length ? [{ text: 'the model fails', mark: 'box', color: css('--fail') }] : [];
+    /** @type {Key[]} */
+    const modelled = hidden.has('model') ? [] : [{ text: this.title(Boolean(c.base), known), mark: 'line', color: css('--blue') }];
     /** @type {PlotSpec} */
     const overlay = {
+      keys: [...marks, ...(c.base && !hidden.has('base') ? [{ text: 'base model', mark: /** @type {const} */ ('dashed'), color: css('--soft') }] : []), ...modelled,
+        ...added.filter((one) => !hidden.has(one.label)).map((one) => ({ text: one.label, mark: /** @type {const} */ ('line'), color: css(one.color) })), ...marked],
       x, y: { name: c.name, unit: c.unit }, points: both(c.measured), lines, ranges, describe: tell,
       bands: !known ? [] : [...(hidden.has('model') ? [] : [{ values: c.predicted, lines: predicted, half: 1.96 * noise, color: css('--band') }]),
         ...added.flatMap((one) => (one.band && !hidden.has(one.label) ? [{ values: one.values, lines: along(one.values), half: 1.96 * noise, color: css(one.band) }] : []))],
@@ -208,6 +220,8 @@ export class CasePlots {
     };
     /** @type {PlotSpec} */
     const residual = {
+      keys: [...marks, ...added.filter((one) => !hidden.has(one.label)).map((one) => ({ text: one.label, mark: /** @type {const} */ ('dot'), color: css(one.color) })),
+        ...(known ? [{ text: '95 % of the noise', mark: /** @type {const} */ ('box'), color: css('--floor') }] : []), ...marked],
       x: { ...x, chosen: false }, y: { name: 'residual', unit: known ? 'noise sd' : c.unit }, ranges, lines: [], bands: [], level: known ? [-1.96, 1.96] : null, describe: tell,
       points: [...both(left), ...added.filter((one) => !hidden.has(one.label)).flatMap((one) => both(c.measured.map((m, i) => (m - one.values[i]) / noise), { color: css(one.color), size: 2.4, alpha: 0.9 }))],
       table,
@@ -216,16 +230,19 @@ export class CasePlots {
     return { overlay, residual, span, base: Boolean(c.base) };
   }
 
+  /** What the line of the model is called. @param {boolean} extended @param {boolean} known whether its noise is */
+  title(extended, known) { return `${extended ? 'extended model' : 'base model'}${known ? ', 95 % band' : ''}`; }
+
   /**
-   * @param {PlotData} plot @param {Axis & { values: number[] }} x @param {PlotChannel} c @param {number[]} left
-   * @returns {PlotTable}
+   * @param {PlotData} plot @param {Axis & { values: number[] }} x @param {PlotChannel} c @param {number[]} left @param {boolean} known whether the noise is
+   * @param {{ label: string, values: number[] }[]} added @param {boolean[]} held @returns {PlotTable}
    */
-  table(plot, x, c, left) {
+  table(plot, x, c, left, known, added, held) {
     /** @param {Axis} one */
     const name = (one) => (one.unit && one.unit !== '1' ? `${one.name}, ${one.unit}` : one.name);
     return {
-      columns: ['run', name(x), `measured ${name(c)}`, 'model', 'residual'],
-      rows: x.values.map((v, i) => [plot.runs[plot.run[i]], v, c.measured[i], c.predicted[i], left[i]]),
+      columns: ['run', name(x), `measured ${name(c)}`, `model ${name(c)}`, name({ name: 'residual', unit: known ? 'noise sd' : c.unit }), 'held out', ...added.map((one) => `${one.label} ${name(c)}`)],
+      rows: x.values.map((v, i) => [plot.runs[plot.run[i]], v, c.measured[i], c.predicted[i], left[i], held[i] ? 'yes' : 'no', ...added.map((one) => one.values[i])]),
     };
   }
 
@@ -242,9 +259,9 @@ export class CasePlots {
     this.keys.replaceChildren(...[
       key('', 'dot', 'training'), key('', 'ring', 'held out'),
       base ? key('base', 'dashed', 'base model', 'base') : null,
-      key('model', '', `${base ? 'extended model' : 'base model'}, 95 % band`, 'model'),
+      key('model', '', this.title(base, true), 'model'),
       ...added.map(([text, color]) => key(color === '--violet' ? 'other' : 'with', '', text)),
-      fails ? h('span', { class: 'key fails' }, h('i', { class: 'box' }), 'fails here') : null,
+      fails ? key('fails', 'box', FAILS) : null,
     ].filter((one) => one !== null));
   }
 }

@@ -175,6 +175,33 @@ function frame(c, spec, box, xs, ys, X, Y, log) {
   c.restore();
 }
 
+/**
+ * What the marks mean, from the left on in rows. @param {Pen} c @param {Key[]} keys @param {number} width @param {number} tall of a row [px]
+ * @returns {number} of rows
+ */
+export function legend(c, keys, width, tall) {
+  let x = MARGIN.left, row = 0;
+  c.font = '12px system-ui, sans-serif';
+  c.textBaseline = 'middle';
+  c.textAlign = 'left';
+  for (const { text, mark, color } of keys) {
+    const wide = 34 + 6.6 * text.length; // about what the letters take
+    if (x > MARGIN.left && x + wide > width) { x = MARGIN.left; row += 1; }
+    const y = (row + 0.5) * tall + 2;
+    c.fillStyle = c.strokeStyle = color;
+    c.lineWidth = mark === 'line' ? 2.2 : 1.6;
+    c.setLineDash(mark === 'dashed' ? [3, 4] : []);
+    if (mark === 'box') c.fillRect(x, y - 5, 16, 10);
+    else if (mark === 'line' || mark === 'dashed') line(c, x, y, x + 16, y);
+    else drawPoints(c, [0], { values: [0], rows: [0], kind: mark, color }, () => x + 8, () => y, null);
+    c.setLineDash([]);
+    c.fillStyle = css('--ink');
+    c.fillText(text, x + 22, y);
+    x += wide;
+  }
+  return keys.length ? row + 1 : 0;
+}
+
 /** @param {Pen} c @param {number[]} x @param {Band} band @param {Scale} X @param {Scale} Y */
 function drawBand(c, x, band, X, Y) {
   c.fillStyle = band.color;

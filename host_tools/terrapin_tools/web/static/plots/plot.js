@@ -1,12 +1,13 @@
 // Plots of a case, on the page and in a report: points, bands, curves and marked ranges on a canvas, with hover, zoom,
 // selection, keyboard, a table, and export.
 import { css, h, number } from './basics.js';
-import { label, MARGIN, paint } from './painting.js';
+import { legend, paint } from './painting.js';
 import { SvgPen } from './svg_pen.js';
 
 const REACH = 22; // pixels within which a point answers the mouse
 const SETTLED_MS = 150; // without another drawing, after which the mouse is made ready for
 const TABLE_ROWS = 400;
+const FIGURE = { width: 640, height: 420, row: 18, foot: 6, sharp: 3 }; // px that a saved figure has; a picture has three for each
 /** @type {Record<string, number>} */
 const ZOOM = { '+': 0.8, '=': 0.8, '-': 1.25, 0: 0 }; // key -> share of what is shown; 0 shows all
 /** @type {Record<string, number[]>} */
@@ -295,7 +296,7 @@ export class Plot {
     }));
     for (const one of chosen) one.setAttribute('aria-pressed', 'false');
     return h('span', { class: 'tools' }, chosen, button('All', 'show all, pick none out', () => { this.zoom(null); this.onselect(null); }),
-      button('PNG', 'save as PNG', () => this.canvas.toBlob((blob) => { if (blob) save(blob, this.file('png')); })),
+      button('PNG', 'save as PNG', () => this.png().toBlob((blob) => { if (blob) save(blob, this.file('png')); })),
       button('SVG', 'save as SVG, for a paper', () => save(new Blob([this.svg()], { type: 'image/svg+xml' }), this.file('svg'))),
       button('CSV', 'save its rows as CSV', () => save(new Blob([this.csv()], { type: 'text/csv' }), this.file('csv'))));
   }
@@ -322,20 +323,33 @@ export class Plot {
   /** @param {string} ending */
   file(ending) { return `${this.name}-${this.spec?.y.name ?? ''}-${this.spec?.x.name ?? ''}.${ending}`.toLowerCase().replaceAll(/[^\w.]+/g, '_'); }
 
-  /** The plot as SVG text, as large as it is. */
+  /** What is shown as it stands in a paper: with what its marks mean, and its axes' names. @param {Pen} pen */
+  figure(pen) {
+    const { spec } = this, { width, height } = FIGURE;
+    if (!spec) return;
+    const top = FIGURE.row * legend(pen, spec.keys ?? [], width, FIGURE.row);
+    pen.save();
+    pen.translate(0, top);
+    paint(pen, { ...spec, x: { ...spec.x, chosen: false } }, width, height - top - FIGURE.foot, this.view, this.selected, this.log);
+    pen.restore();
+  }
+
+  /** As SVG text. */
   svg() {
-    const width = this.host.clientWidth, height = this.host.clientHeight;
-    const pen = new SvgPen(width, height, css('--card'));
-    if (this.spec) {
-      paint(/** @type {Pen} */ (/** @type {unknown} */ (pen)), this.spec, width, height, this.view, this.selected, this.log);
-      if (this.spec.x.chosen) { // the page has a choice there in the place of the axis's name
-        pen.fillStyle = css('--ink');
-        pen.textAlign = 'right';
-        pen.textBaseline = 'bottom';
-        pen.fillText(label(this.spec.x), width - MARGIN.right, height - 1);
-      }
-    }
+    const pen = new SvgPen(FIGURE.width, FIGURE.height, css('--card'));
+    this.figure(/** @type {Pen} */ (/** @type {unknown} */ (pen)));
     return pen.text();
+  }
+
+  /** As a picture. */
+  png() {
+    const { width, height, sharp } = FIGURE, canvas = h('canvas', { width: width * sharp, height: height * sharp });
+    const pen = /** @type {Pen} */ (canvas.getContext('2d'));
+    pen.scale(sharp, sharp);
+    pen.fillStyle = css('--card');
+    pen.fillRect(0, 0, width, height);
+    this.figure(pen);
+    return canvas;
   }
 
   /** The rows as CSV; those that are picked out, where some are. */
