@@ -150,7 +150,10 @@ ORDERS = st.fixed_dictionaries(
         "columns": st.dictionaries(
             NAMES,
             st.fixed_dictionaries(
-                {"column": LINES, "unit": UNITS, "sigma": st.none() | st.floats(min_value=1e-300, max_value=1e300)}
+                {
+                    "column": LINES, "unit": UNITS,
+                    "sigma": st.none() | st.floats(min_value=1e-300, max_value=1e300) | st.just("5 mA"),
+                }
             ),
             min_size=1, max_size=3,
         ),
@@ -206,6 +209,7 @@ def test_an_order_survives_the_command_line(wanted: dict[str, Any]) -> None:
         ("units", "load=N", "--unit: found load, expected one of omega"),
         ("noises", "omega=1,5", "--noise: found 1,5, expected a number above 0"),
         ("noises", "omega=-1", "--noise: found -1, expected a number above 0"),
+        ("noises", "omega=-1 rpm", "--noise: found -1, expected a number above 0"),
         ("fits", "k=1:2", "--fit: found k=1:2, expected k=START[:MIN:MAX[:UNIT]]"),
         ("fits", "k=one", "expected numbers in k=START"),
         ("fits", "k=nan", "expected numbers in k=START"),
