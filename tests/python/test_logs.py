@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import can
 import cantools
@@ -19,6 +20,7 @@ from hypothesis import strategies as st
 
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs import decoding
 from terrapin_tools.logs.bus import PythonCanBus, enlarge, socket_drops
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames, joined
@@ -320,6 +322,25 @@ def test_multiplexed_and_short(tmp_path: Path) -> None:
     found = Decoder(dbc).decode(log)["M"].signals
     np.testing.assert_allclose(found["a"], [-0.1, np.nan, np.nan])
     np.testing.assert_allclose(found["b"], [np.nan, 7.0, np.nan])
+
+
+def test_decoding_tells_units_and_takes_a_signal_whose_selector_is_not_there(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    dbc = tmp_path / "x.dbc"
+    dbc.write_text(
+        'VERSION ""\nBU_: A\nBO_ 100 M: 8 A\n SG_ a : 8|16@1- (0.1,0) [0|0] "V" A\n SG_ b : 0|8@1+ (1,0) [0|0] "" A\n'
+    )
+    assert sorted(Decoder(dbc).units("M")) == [("a", "V"), ("b", "")]
+    plain = {"start": 0, "length": 8, "byte_order": "little_endian", "is_float": False, "is_signed": False}
+    lost = SimpleNamespace(name="a", multiplexer_signal="gone", multiplexer_ids=[1], scale=2.0, offset=1.0, **plain)
+    data, lengths = np.array([[3], [4]], dtype=np.uint8), np.array([1, 0])
+    ((name, values),) = decoding._signals(SimpleNamespace(signals=[lost]), data, lengths)
+    assert name == "a"
+    np.testing.assert_array_equal(values, [7.0, np.nan])
+    monkeypatch.setattr(decoding, "_load", lambda path: object())  # of diagnostics
+    with pytest.raises(UserError, match=r"x\.dbc: describes no CAN messages"):
+        Decoder(dbc)
 
 
 class OnceGone:

@@ -3,6 +3,7 @@ whole numbers, and the covariance of a mean."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +13,18 @@ import pytest
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect, Parameter
+from terrapin_hil.units import units
+from terrapin_tools.workbench.bases.kinds.base import Fitted
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.model import data_columns, effect_columns, fitting, linearised, table_faults, usual_sizes
+from terrapin_tools.workbench.model import (
+    data_columns,
+    effect_columns,
+    fitting,
+    grouped,
+    linearised,
+    table_faults,
+    usual_sizes,
+)
 from terrapin_tools.workbench.model.constants import error_tax, value_of
 from terrapin_tools.workbench.model.data_columns import candidates, catalogue_directions, column_shapes, is_phase
 from terrapin_tools.workbench.model.effect_columns import loudness, shapes_of, varying_parameters
@@ -411,3 +422,48 @@ def test_a_size_far_above_the_usual_costs_up_to_a_tenth(monkeypatch: pytest.Monk
         fit: Any = SimpleNamespace(model=model, theta=np.array([9.0, size, 1e3, 1e3]))
         assert usual_sizes.size_tax(fit, {"drag", "own"}) == pytest.approx(tax)
         assert usual_sizes.size_tax(fit, {"own"}) == 0.0
+
+
+def test_shapes_that_are_nearly_one_are_given_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where another channel hardly shows them."""
+    width = Parameter("w", "1", 1.0, 0.0, 9.0, grid=(1.0, 1.01, 2.0))
+    effect = Effect("bump", "", "", "", ("equation",), (Parameter("a", "N", 0.0), width), (), "a*exp(x/w)", "y")
+
+    def predicted(sets: Array) -> Array:
+        shape = sets[:, :1] * np.exp(-X / sets[:, 1:])
+        return np.stack([shape, 0.1 * shape], axis=1)
+
+    monkeypatch.setattr(effect_columns, "beside", lambda model, theta, asked, rows: [predicted(asked[0][1])])
+    model: Any = None
+    found = shapes_of(model, np.zeros(0), effect, np.ones(60, dtype=bool), np.ones(2))
+    assert [shape.values for shape in found] == [(1.0,), (2.0,)]
+
+
+def test_a_factor_of_a_mistaken_unit_is_what_that_unit_is() -> None:
+    factors = {about: factor for about, (factor, _) in {**table_faults.FACTORS, **table_faults.OF_UNIT}.items()}
+    quantity = units().Quantity
+    assert factors.pop("a mistaken direction") == -1.0
+    for about, unit, to in (
+        ("turns a minute", "rpm", "rad/s"), ("degrees", "deg", "rad"), ("kilograms of force", "kgf", "N"),
+        ("thousandths", "mm", "m"), ("turns", "turn", "rad"), ("minutes", "min", "s"), ("km/h", "km/h", "m/s"),
+        ("hundredths", "cm", "m"),
+    ):  # fmt: skip
+        assert factors.pop(about) == pytest.approx(float(quantity(1.0, unit).to(to).magnitude))
+    assert not factors
+
+
+def test_a_value_of_a_group_is_the_parameter_in_its_part() -> None:
+    own = Fitted("drag.c", "c", "drag", "N", 1.0, 0.0, 9.0)
+    grouped_ = replace(own, key="f[sand]", name="f", effect=None, by="soil", group="sand")
+    assert grouped._plain(own) is own
+    assert grouped._plain(grouped_) == replace(grouped_, key="f", by="", group="")
+
+
+@pytest.mark.parametrize("grid", [(1.0, 2.0), (1.0, 2.0, 3.0)])
+def test_what_has_shapes_and_cannot_be_absent_is_for_a_refit(grid: tuple[float, ...]) -> None:
+    """As what has no parameter at all: there is no line of its size to look along."""
+    size, shape = Parameter("a", "N", 1.0, 0.5, 2.0), Parameter("w", "1", 1.0, 0.0, 9.0, grid=grid)
+    model: Any = None
+    for parameters in ((size, shape), ()):
+        effect = Effect("own", "", "", "", ("equation",), parameters, (), "a*exp(x/w)", "y")
+        assert shapes_of(model, np.zeros(0), effect, np.ones(60, dtype=bool), np.ones(1)) == []

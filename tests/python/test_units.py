@@ -5,12 +5,13 @@ from __future__ import annotations
 import random
 import re
 from contextlib import nullcontext
+from typing import Any
 
 import pytest
 
 from terrapin_hil.messages import interface
 from terrapin_hil.reading import parse_quantity
-from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, units
+from terrapin_hil.units import _BASE, _FACTORS, _TO_BASE, base_factor, factor, read_unit, same_kind, units
 from terrapin_tools.workbench.files.units import (
     LARGEST,
     check,
@@ -164,3 +165,14 @@ def test_a_unit_that_is_none_is_refused_with_a_reason() -> None:
         read_unit("m*" * 50 + "m")
     assert len(str(refused.value)) < 100
     assert read_unit("m*" * 49 + "kg") == read_unit("m^9.8") ** 5 * read_unit("kg")
+
+
+def test_exponents_agree_to_a_millionth() -> None:
+    assert same_kind("m^0.9700009", "m^0.97")
+    assert not same_kind("m^0.000001", "1")
+
+
+@pytest.mark.parametrize("value", [True, None, [1.0], {"m": 1.0}])
+def test_what_is_neither_a_number_nor_text_is_no_quantity(value: Any) -> None:
+    with pytest.raises(ValueError, match="expected a number, or text with a unit"):
+        quantity(value, "m")
