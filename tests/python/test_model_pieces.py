@@ -463,7 +463,8 @@ def test_a_value_of_a_group_is_the_parameter_in_its_part() -> None:
 def test_what_has_shapes_and_cannot_be_absent_is_for_a_refit(grid: tuple[float, ...]) -> None:
     """As what has no parameter at all: there is no line of its size to look along."""
     size, shape = Parameter("a", "N", 1.0, 0.5, 2.0), Parameter("w", "1", 1.0, 0.0, 9.0, grid=grid)
-    model: Any = None
+    base = SimpleNamespace(whole_runs=False, own_dynamics=None)
+    model: Any = SimpleNamespace(case=SimpleNamespace(base=base, inputs={}))
     for parameters in ((size, shape), ()):
         effect = Effect("own", "", "", "", ("equation",), parameters, (), "a*exp(x/w)", "y")
         assert shapes_of(model, np.zeros(0), effect, np.ones(60, dtype=bool), np.ones(1)) == []
