@@ -344,10 +344,10 @@ def test_a_model_without_numbers_says_why_or_where(value: float, trouble: str, t
     given = (case, model, np.array([[1.0, value]]), np.zeros(1), rows, "after the fit")
     if told:
         with pytest.raises(UserError) as refused:
-            comparison._require_numbers(*given)
+            comparison.require_numbers(*given)
         assert str(refused.value) == told
     else:
-        comparison._require_numbers(*given)
+        comparison.require_numbers(*given)
 
 
 @pytest.mark.parametrize("value", [100.0, -0.02, 1.0, 0.0])
