@@ -326,7 +326,7 @@ def test_further_starts_lie_inside_the_bounds(
     base = SimpleNamespace(convex=convex, whole_runs=False)
     start = np.array([2.0, 0.0][: len(low)])
     model = SimpleNamespace(start=start, lower=low, upper=high, case=SimpleNamespace(base=base))
-    bound: Any = SimpleNamespace(model=model)
+    bound: Any = SimpleNamespace(model=model, predict=lambda theta: np.zeros((1, 3)))
     found = _base_starts(bound, 3)
     assert len(found) == count
     np.testing.assert_array_equal(found[0], start)
@@ -357,6 +357,22 @@ def test_a_motion_that_no_start_carries_is_looked_for_once_more(good: str, count
     found = _base_starts(bound, 3)
     assert len(found) == count
     assert len(set(seen)) == {"none": 23, "start": 1, "drawn": 6}[good]
+
+
+def test_a_formula_that_divides_by_a_start_of_0_begins_elsewhere() -> None:
+    """At each power of ten from 0.001 to 1000 that its bounds allow and that gives numbers; what is not 0 stays."""
+    base = SimpleNamespace(convex=True, whole_runs=False)
+    model = SimpleNamespace(
+        start=np.array([0.0, 5.0]), lower=np.full(2, -np.inf), upper=np.array([100.0, np.inf]),
+        case=SimpleNamespace(base=base),
+    )  # fmt: skip
+    bound: Any = SimpleNamespace(model=model, predict=lambda theta: np.array([[theta[1] / theta[0]]]))
+    found = np.array(_base_starts(bound, 3))
+    np.testing.assert_allclose(found[:, 0], [1e-3, 1e-2, 0.1, 1.0, 10.0, 100.0, 100.0])
+    assert (found[:, 1] == 5.0).all()
+    bound.predict = lambda theta: np.array([[np.nan]])
+    (alone,) = _base_starts(bound, 3)
+    np.testing.assert_array_equal(alone, model.start)
 
 
 def test_a_channel_that_sticks_most_of_the_time_is_looked_at_as_it_is() -> None:
