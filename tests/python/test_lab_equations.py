@@ -24,10 +24,12 @@ from terrapin_tools.workbench.story.told import told
 RUNS, ROWS = 12, 15
 
 
-def write(folder: Path, equation: str, tables: str, mapped: str, columns: Mapping[str, Array]) -> Path:
+def write(
+    folder: Path, equation: str, tables: str, mapped: str, columns: Mapping[str, Array], rows: int = ROWS
+) -> Path:
     lines = ["run," + ",".join(columns)]
     table = np.array(list(columns.values())).T
-    lines += [f"r{n // ROWS:02d}," + ",".join(f"{v:.9g}" for v in row) for n, row in enumerate(table)]
+    lines += [f"r{n // rows:02d}," + ",".join(f"{v:.9g}" for v in row) for n, row in enumerate(table)]
     folder.mkdir()
     (folder / "runs.csv").write_text("\n".join(lines) + "\n")
     (folder / "case.toml").write_text(
@@ -148,6 +150,26 @@ def test_the_runs_that_carry_the_misfit_are_the_worst(tmp_path: Path) -> None:
     assert len(lines) == 1
     assert lines[0].startswith(f"Half of the misfit is in 1 of {RUNS} runs: r03 (")
     assert lines[0].endswith(" noise sd).")
+
+
+def test_a_run_that_is_off_is_told_where_noise_looks_larger_than_stated(tmp_path: Path) -> None:
+    """A motor whose constant falls with temperature, its noise stated rightly, and one run of twelve 20 sd off."""
+    load = np.array([0, 50, 100, 150, 200, 250, 300, 50, 100, 150, 100, 200]) * 1e-3
+    temp = np.array([25.0, 28, 33, 40, 48, 57, 66, 45, 50, 58, 62, 80])
+    current = load / (0.052 * (1.0 - 0.002 * (temp - 25.0))) + 0.35
+    current += 5e-3 * np.random.default_rng(8).standard_normal(12)
+    current[8] += 0.1
+    mapped = (
+        'load = { column = "load", unit = "N m" }\ntemp = { column = "temp", unit = "degC" }\n'
+        'current = { column = "current", unit = "A", sigma = "5 mA" }\n'
+    )
+    fit = "[fit]\ng = { value = 0.0 }\ni0 = { value = 0.0 }\n"
+    columns = {"load": load, "temp": temp, "current": current}
+    folder = write(tmp_path / "case", 'current = "load*g + i0"', fit, mapped, columns, rows=1)
+    found = discover(load_case(folder))
+    story = told(found.analysis, found)
+    assert [one.runs for one in story.noise.findings if one.kind == "larger"] == [("r08",)]
+    assert any("unless run r08 is to blame, which makes up more than half of it." in note for note in story.notes)
 
 
 def listed(folder: Path) -> set[str]:

@@ -20,7 +20,7 @@ LIKELY = 0.8  # from which offsets and drifts are said to be there; chosen by ha
 class NoiseFinding:
     """`value`: of larger and smaller, the factor on the stated sd; of run_offsets, drift and walk, their sd in the
     channel's unit; of run_gains, the sd of a factor from run to run; of rows and stuck, how many.
-    `rows` are places ("runs.csv:17")."""
+    `rows` are places ("runs.csv:17"); `runs` have them, or make up more than half of what is larger."""
 
     kind: str  # larger, smaller, run_offsets, run_gains, drift (within runs), walk (over the test), rows or stuck
     channel: str  # "" for rows, which are left out in every channel
@@ -51,9 +51,9 @@ def noise_findings(analysis: Analysis, noise: Noise | None = None) -> list[Noise
         nodes = [node.of(place) for node in NODES[: len(noise.weights)]]
         if noise.wrong.any() and noise.wrong[place]:
             ratio = float(noise.ratio[place])
-            found.append(
-                NoiseFinding("larger" if ratio > 1.0 else "smaller", channel, ratio, float(noise.wrong[place]))
-            )
+            one = tuple(name for name in noise.carried[place : place + 1] if name and ratio > 1.0)
+            kind = "larger" if ratio > 1.0 else "smaller"
+            found.append(NoiseFinding(kind, channel, ratio, float(noise.wrong[place]), runs=one))
         for kind, size in (
             ("run_offsets", "offset"),
             ("run_gains", "gain"),

@@ -61,6 +61,7 @@ class Noise:
     weights: Array = field(default_factory=lambda: np.ones(1))  # (nodes,): posterior of each kind of noise
     # (channels,): probability that the stated sd is off, where it was found again for that (stated.py)
     wrong: Array = field(default_factory=lambda: np.zeros(0))
+    carried: tuple[str, ...] = ()  # of each channel that is so, the run that makes up more than half of it; "": none
 
     @property
     def kinds(self) -> list[int]:

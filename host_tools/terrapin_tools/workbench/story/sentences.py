@@ -491,7 +491,8 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
     value = f"{number(one.value, 3)}{behind(unit)}"
     if one.kind in ("larger", "smaller"):
         times = f"{number(one.value, 3)} times what is stated"
-        return f"The noise of {one.channel} is {times} (probability {chance(one.probability)})."
+        unless = f", unless run {one.runs[0]} is to blame, which makes up more than half of it" if one.runs else ""
+        return f"The noise of {one.channel} is {times} (probability {chance(one.probability)}){unless}."
     if one.kind in ("rows", "stuck"):
         more = len(one.rows) - SHOWN_ROWS
         few = ", ".join(one.rows[:SHOWN_ROWS]) + (f" and {more} more" if more > 0 else "")
