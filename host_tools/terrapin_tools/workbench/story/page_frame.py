@@ -59,6 +59,7 @@ border:1px solid var(--line);border-radius:8px;padding:5px 10px;margin-bottom:7p
 padding:3px 0 5px}math{font-family:"STIX Two Math","Latin Modern Math",
 "Cambria Math",math,serif}
 .value{white-space:nowrap;margin-right:8px}
+.name{overflow-wrap:anywhere}
 .next{border-left:4px solid var(--amber)}.next.ok{border-left-color:var(--teal)}
 summary{cursor:pointer;color:var(--soft)}
 footer{padding:0 20px 16px;color:var(--soft);font-size:12px;max-width:1640px;margin:auto}
@@ -125,7 +126,7 @@ click: what it would do</span></h2>
 {%- if story.front %}<section><h2>Short answers first <span>errors in noise sd; probability to be all that is
 missing</span></h2><table><thead><tr><th class="n">terms</th><th></th><th class="n">training</th>
 <th class="n">held out</th><th></th><th class="n">probability</th></tr></thead><tbody>
-{%- for one in story.front %}<tr><td class="n">{{ one.terms }}</td><td>{{ one.name }}</td>
+{%- for one in story.front %}<tr><td class="n">{{ one.terms }}</td><td class="name">{{ one.name }}</td>
 <td class="n">{{ one.training }}</td><td class="n">{{ one.held_out }}</td><td>{{ bar(one.share) }}</td>
 <td class="n">{{ one.probability }}</td></tr>{% endfor %}</tbody></table></section>{% endif %}
 {%- if curve_svg %}<section><h2>A curve that has no formula here <span>band: 95 %</span></h2>{{ curve_svg|safe }}
