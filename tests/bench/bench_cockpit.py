@@ -146,8 +146,8 @@ def stops(page: Page, relay: Relay, count: int) -> list[float]:
             page.wait_for_timeout(20)
         took.append(1e3 * relay.stops[0] - at)
         page.wait_for_timeout(1200)
-        page.get_by_role("button", name="Stopped: clear").click()
-        page.get_by_role("button", name="Stop the robot").wait_for()
+        page.get_by_role("button", name="Release the stop").click()
+        page.get_by_role("button", name="Stop", exact=True).wait_for()
     return took
 
 

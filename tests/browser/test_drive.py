@@ -82,6 +82,13 @@ def runs(page: Page) -> None:
     raise AssertionError(panel.text_content())
 
 
+WRITTEN = """() => new Promise((done) => {
+  const pen = CanvasRenderingContext2D.prototype, write = pen.fillText, said = [];
+  pen.fillText = function (text, ...rest) { said.push(text); return write.call(this, text, ...rest); };
+  setTimeout(() => { pen.fillText = write; done(said); }, 500);
+})"""
+
+
 def stopped(page: Page) -> None:
     expect(page.locator("[data-tile=Faults]")).to_contain_text("stop_all")
     expect(page.locator("[data-tile=State]")).to_contain_text("bridge off")
@@ -90,8 +97,25 @@ def stopped(page: Page) -> None:
 def test_arm_run_and_stop(robot: Page, server: Server, browser: Browser) -> None:
     """Armed and run, truth beside the estimate; space stops wherever the focus is; another page stops too."""
     page = robot
+    expect(page.locator(".drive-panel")).to_contain_text("Nothing goes to the robot before you arm it")
+    expect(page.locator("[data-tile='C_t, mN m'] dd").first).to_have_text("not valid")  # it stands still
+    written = page.evaluate(WRITTEN)
+    assert any(text.startswith("GROUND.torque   not valid   truth") for text in written), written
+    assert "ground not known to the controller" in written
     page.get_by_label("Ground of the simulated robot").select_option("sand")
     runs(page)
+    expect(page.locator(".drive-panel")).to_contain_text("Armed: this page drives")
+    expect(page.locator(".drive-panel")).not_to_contain_text("before you arm it")
+    page.get_by_label("Setpoint as a number").fill("5")
+    page.get_by_label("Setpoint as a number").dispatch_event("change")
+    expect(page.get_by_label("Setpoint as a number")).to_have_value("1")
+    expect(page.locator(".tab-live > .notice")).to_contain_text("found 5 m/s, expected at most 1 either way: 1 is set")
+    page.evaluate("() => { const end = Date.now() + 1500; while (Date.now() < end); }")  # its heart stands still
+    expect(page.locator(".tab-live > .notice")).to_contain_text("No longer armed: nothing heard of the page")
+    runs(page)
+    page.evaluate("scrollTo(0, document.body.scrollHeight)")
+    expect(page.get_by_role("button", name="Stop", exact=True)).to_be_in_viewport(ratio=1)
+    page.evaluate("scrollTo(0, 0)")
     expect(page.locator(".signal-table tr", has_text="TRUTH.torque").locator(".n")).not_to_have_text("0")
     page.keyboard.press("p")
     expect(page.get_by_role("button", name="Go on")).to_be_visible()
@@ -107,7 +131,7 @@ def test_arm_run_and_stop(robot: Page, server: Server, browser: Browser) -> None
     expect(page.get_by_role("button", name="Run", exact=True)).to_be_hidden()
     expect(page.locator(".fault-list")).to_contain_text("Release the stop")
     page.wait_for_timeout(1000)  # in which the button does not let go
-    page.get_by_role("button", name="Stopped: clear").click()
+    page.get_by_role("button", name="Release the stop").click()
     expect(page.locator("[data-tile=Faults]")).to_contain_text("none")
     runs(page)
     context = browser.new_context(viewport={"width": 390, "height": 844})
@@ -118,8 +142,8 @@ def test_arm_run_and_stop(robot: Page, server: Server, browser: Browser) -> None
     expect(other.get_by_role("button", name="Stopped")).to_be_visible()
     context.close()
     page.wait_for_timeout(1000)
-    page.get_by_role("button", name="Stopped: clear").click()
-    expect(page.get_by_role("button", name="Stop the robot")).to_be_visible()
+    page.get_by_role("button", name="Release the stop").click()
+    expect(page.get_by_role("button", name="Stop", exact=True)).to_be_visible()
 
 
 def test_a_page_that_is_closed_drives_no_more(robot: Page, server: Server, browser: Browser) -> None:
@@ -283,11 +307,12 @@ def test_two_people_at_one_robot(robot: Page, server: Server, browser: Browser) 
     expect(other.get_by_role("button", name="Arm …")).to_be_enabled()
     runs(other)
     expect(robot.locator(".drive-panel")).to_contain_text("Another page drives.")
-    robot.get_by_role("button", name="Stop the robot").click()
+    robot.get_by_role("button", name="Stop", exact=True).click()
     stopped(other)
     expect(other.locator(".drive-panel")).to_contain_text("Release the stop, then arm again")
+    expect(other.locator(".tab-live > .notice")).to_be_hidden()
     robot.wait_for_timeout(1000)
-    robot.get_by_role("button", name="Stopped: clear").click()
+    robot.get_by_role("button", name="Release the stop").click()
     runs(other)
     context.close()
     expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")

@@ -227,7 +227,7 @@ def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     expect(page.get_by_text("cursor at")).to_be_visible()
     page.keyboard.press("Space")
     expect(page.get_by_role("button", name="Pause")).to_be_visible()
-    expect(page.locator(".stop-panel")).to_contain_text("Opens the emergency stop of the simulated robot")
+    expect(page.locator(".drive-panel")).to_contain_text("opens the emergency stop of the simulated robot")
     page.evaluate(  # pressed, and pressed again as soon as the button has become the one that lets go
         """() => {
             const stop = document.querySelector('button.stop');
@@ -242,8 +242,8 @@ def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     expect(page.locator("[data-tile=Faults]")).to_contain_text("estop")
     expect(page.locator("[data-tile=State]")).to_contain_text("bridge off")
     page.wait_for_timeout(1000)  # in which it does not let go
-    page.get_by_role("button", name="Stopped: clear").click()
-    expect(page.get_by_role("button", name="Stop the robot")).to_be_visible()
+    page.get_by_role("button", name="Release the stop").click()
+    expect(page.get_by_role("button", name="Stop", exact=True)).to_be_visible()
     assert said(page)["missed"] == "0"
     assert serious(page) == []
     page.get_by_role("button", name="Light").or_(page.get_by_role("button", name="Switch between")).click()
@@ -266,6 +266,9 @@ def test_second_browser_and_reload_see_the_same(page: Page, server: Server, brow
     assert wide <= 0
     page.get_by_role("button", name="Leave").click()
     expect(other.get_by_text("nothing is watched", exact=True)).to_be_visible()
+    expect(other.locator(".health")).to_have_text("Nothing is watched.")
+    assert other.get_by_label("Load of the bus").evaluate("bar => bar.value") == 0
+    expect(other.locator(".drive-panel details")).to_be_hidden()
     context.close()
 
 

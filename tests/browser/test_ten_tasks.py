@@ -226,7 +226,10 @@ def test_find_why_a_run_of_a_batch_failed(hand: Hand) -> None:
     settings = re.match(r"seed (\d+), path\.2\.slope ([\d.]+) deg: ", words)
     assert settings is not None, words
     expect(page.locator(".checks")).to_contain_text("This run: path.2.slope")
-    expect(page.locator(".checks")).to_contain_text("The controller: ")
+    expect(page.locator(".checks")).to_contain_text("The controller: run from ")
+    expect(page.locator("#command")).to_contain_text(re.compile(r"terrapin run .*--seed \d"))
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth - innerWidth") <= 0
     expect(page.locator(".sim-form .soft").first).to_contain_text("slope_limiter as in the run slope_limiter-")
     slope = page.locator(".slider", has=page.get_by_label("slope from 1.5 m")).locator("output")
     expect(slope).to_contain_text(f"{float(settings[2]):.3g}")

@@ -227,7 +227,7 @@ def test_simulator_over_a_pty(live: Server) -> None:
     assert stopped.status["stop_held"]
     post(live, "live/command", request="release")
     # Events come in order, each with the next status; that of a browser that begins to look may be from just before.
-    last = watch(live, lambda w: any(e["text"] == "stop button let go" for e in w.events))
+    last = watch(live, lambda w: any(e["text"] == "stop button released" for e in w.events))
     assert not last.status["stop_held"]
     texts = [(e["kind"], e["text"]) for e in last.events]
     assert ("mark", "look here") in texts

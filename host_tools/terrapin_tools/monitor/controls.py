@@ -75,6 +75,7 @@ class Controls:
         self._status = node.to_bus((interface.messages["STATUS"].id, b""))[0]
         self._interface, self._sender = interface, Sender(interface)
         self._driver = ""  # the page that drives
+        self._ended = ""  # why the one before does so no more
         self._order = Order()
         self._heard = self._due = self._left = 0.0
         self._leaving = False  # until the halt is over
@@ -185,7 +186,13 @@ class Controls:
     def answer(self) -> dict[str, Any]:
         """How it stands, for the page."""
         with self._lock:
-            return {"driver": self._driver, "leaving": self._leaving, "sent": self.sent, **asdict(self._order)}
+            return {
+                "driver": self._driver,
+                "ended": self._ended,
+                "leaving": self._leaving,
+                "sent": self.sent,
+                **asdict(self._order),
+            }
 
     def end(self) -> None:
         """Sends no more from now on."""
@@ -204,6 +211,7 @@ class Controls:
 
     def _let_go(self, note: str) -> None:
         self._driver, self._order, self._leaving = "", Order(), False
+        self._ended = note
         self._notes.append(note)
 
     def _work(self) -> None:

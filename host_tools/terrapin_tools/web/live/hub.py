@@ -74,7 +74,7 @@ class Hub:
         driver = session.controls.driver if session.controls is not None else ""
         return {
             "name": session.source.name,
-            "stop": session.can_stop,
+            "stop": session.can_stop if session.state == "live" else "",
             "held": session.stop_held,
             "driven": bool(driver),
         }

@@ -413,7 +413,7 @@ class Session:
             elif self.controls is not None:
                 self.controls.hold_stop(held)
             if held != self.stop_held:
-                text = "stop button held in" if held else "stop button let go"
+                text = "stop button held in" if held else "stop button released"
                 self.live.tell(self.live.time, "injected" if isinstance(self.source, Simulator) else "mark", text)
             self.stop_held = held
 

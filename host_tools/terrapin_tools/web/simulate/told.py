@@ -139,7 +139,7 @@ def changes_of(tables: Mapping[str, Any], shipped: Mapping[str, Any]) -> list[st
     """
     new, old = dict(leaves(tables)), dict(leaves(shipped))
     found = [
-        f"{name} {_shown(value)} ({f'shipped {_shown(old[name])}' if name in old else 'not in it as shipped'})"
+        f"{name} {_shown(value)} ({f'shipped {_shown(old[name])}' if name in old else 'shipped: not set'})"
         for name, value in new.items()
         if old.get(name) != value
     ]
@@ -147,7 +147,7 @@ def changes_of(tables: Mapping[str, Any], shipped: Mapping[str, Any]) -> list[st
 
 
 def course(time: Array, states: Array, words: Mapping[int, str], most: int = 8) -> str:
-    """What the controller's state was from when on, in words: "run from 0.2 s, stuck from 6.2 s".
+    """What the controller's state was from when on, in words, once it has begun.
 
     >>> import numpy as np
     >>> course(np.array([0.0, 0.5, 6.2]), np.array([3.0, 4.0, 5.0]), {3: "idle", 4: "run", 5: "stuck"})
@@ -157,7 +157,7 @@ def course(time: Array, states: Array, words: Mapping[int, str], most: int = 8) 
     before = ""
     for second, state in zip(time.tolist(), states.tolist(), strict=True):
         word = words.get(int(state), "") if state == state else ""  # NaN: it has said nothing yet
-        if word and word != before:
+        if word not in ("", "boot", "self_test", before):
             said.append(f"{word.replace('_', ' ')} from {second:.3g} s")
             before = word
     left = len(said) - most

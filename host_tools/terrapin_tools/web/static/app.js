@@ -308,5 +308,5 @@ if (!document.documentElement.dataset.theme) delete document.documentElement.dat
 addEventListener('hashchange', route);
 setTheme();
 connect();
-stopEverywhere($('stop'), app);
+stopEverywhere($('stop'), $('connection'), app);
 route();

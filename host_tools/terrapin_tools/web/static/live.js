@@ -11,7 +11,6 @@ import { Recorder } from './live/record.js';
 import { Replay } from './live/replay.js';
 import { Signals } from './live/signals.js';
 import { Source } from './live/source.js';
-import { Stop } from './live/stop.js';
 import { Telemetry } from './live/telemetry.js';
 import { Tiles } from './live/tiles.js';
 import { Rolling } from './rolling.js';
@@ -20,6 +19,8 @@ import { COLOURS, PLACES, Strip, style } from './strip.js';
 const FIRST = ['MOTION.slip', 'GROUND.torque', 'ELECTRICAL.current', 'ACTUATE.state'];
 /** @type {Record<string, string>} */
 const TRUTH = { 'GROUND.torque': 'TRUTH.torque', 'MOTION.slip': 'TRUTH.slip', 'MOTION.ground_speed': 'TRUTH.ground_speed' }; // on one axis with it
+/** @type {Record<string, string>} */
+const VALID = { 'GROUND.torque': 'GROUND.valid', 'MOTION.slip': 'MOTION.slip_valid', 'ATTITUDE.pitch': 'ATTITUDE.pitch_valid' }; // whether it is worth anything
 /** @type {Record<string, string>} */
 const SD = { 'GROUND.torque': 'GROUND.torque_sd' }; // of a band around it
 const SECONDS = [5, 15, 30, 60, 120, 300];
@@ -46,7 +47,6 @@ class Live {
     this.telemetry = new Telemetry(app, { hello: (said) => this.hello(said), status: (said) => this.status(said), until: (time, anew) => this.until(time, anew), tell: this.tell });
     this.source = new Source(this);
     this.tiles = new Tiles();
-    this.stop = new Stop(async (request) => { await this.command({ request }); });
     this.replay = new Replay(this);
     this.faults = new Faults();
     this.parameters = new Parameters(this);
@@ -68,7 +68,7 @@ class Live {
     this.cursorSaid = h('span', { class: 'soft small' });
     element.append(h('h1', { class: 'visually-hidden', text: 'Live' }), this.source.element, this.notice, this.replay.element, this.faults.element, this.nodes.element, this.tiles.element,
       h('div', { class: 'live-grid' }, h('div', { class: 'live-left' }, this.chartPanel(place), this.signals.element, this.parameters.element),
-        h('div', { class: 'side' }, this.stop.element, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element, this.flash.element)));
+        h('div', { class: 'side' }, this.rolling.element, this.drive.element, this.bus.element, this.recorder.element, this.events.element, this.flash.element)));
     element.addEventListener('keydown', (event) => {
       if (event.key === ' ' && event.target === this.strip.canvas) { event.preventDefault(); this.setPaused(this.strip.paused === null); }
     });
@@ -121,7 +121,7 @@ class Live {
     if (telemetry.signals.length && !this.chosen.some((name) => telemetry.index.has(name))) this.chosen = telemetry.signals.slice(0, 3).map((s) => s.name);
     if (said.command) app.showCommand(said.command);
     app.context(said.name || '');
-    for (const part of [this.stop, this.drive, this.replay, this.parameters, this.flash]) part.begin(said);
+    for (const part of [this.drive, this.replay, this.parameters, this.flash]) part.begin(said);
     this.rolling.begin(said, telemetry.signals);
     this.source.kind = said.kind || '';
     this.source.take(said.watch ?? null);
@@ -138,13 +138,13 @@ class Live {
     const known = this.chosen.filter((name) => telemetry.index.has(name));
     /** What belongs to a signal, where there is such. @param {string} name @param {Record<string, string>} of */
     const beside = (name, of) => (of[name] && telemetry.index.has(of[name]) ? of[name] : null);
-    const extra = known.flatMap((name) => [beside(name, TRUTH), beside(name, SD)]).filter((name) => name !== null && !known.includes(name));
+    const extra = known.flatMap((name) => [beside(name, TRUTH), beside(name, SD), beside(name, VALID)]).filter((name) => name !== null && !known.includes(name));
     const all = [...new Set([...known, .../** @type {string[]} */ (extra), ...this.rolling.wanted()])], rings = telemetry.want(all);
     const ring = (/** @type {string | null} */ name) => (name === null ? null : rings[all.indexOf(name)] ?? null);
     this.rolling.take(ring);
     this.strip.lanes = known.map((name, place) => {
       const { unit, words } = telemetry.signals[telemetry.index.get(name) ?? 0];
-      return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place], truth: ring(beside(name, TRUTH)), sd: ring(beside(name, SD)), places: PLACES[name] };
+      return { name, unit, words, colour: COLOURS[place % COLOURS.length], ring: rings[place], truth: ring(beside(name, TRUTH)), sd: ring(beside(name, SD)), valid: ring(beside(name, VALID)), places: PLACES[name] };
     });
   }
 
@@ -169,7 +169,6 @@ class Live {
     this.nodes.draw(said);
     this.count(said);
     this.recorder.draw(said);
-    this.stop.draw(said);
     this.events.draw(strip.zero);
     this.signals.draw();
   }

@@ -103,9 +103,6 @@ export class Robot {
       pen.globalAlpha = 0.55;
       pen.fill();
       pen.globalAlpha = 1;
-      pen.fillStyle = css('--ink');
-      const name = kind.terrain.replaceAll('_', ' '), middle = Math.min(Math.max(px(a) + 10, 10), width - 120);
-      if (px(b) - px(a) > 60) pen.fillText(name, middle, height - 30);
     }
     pen.fillStyle = css('--ink');
     pen.textAlign = 'center';
@@ -113,9 +110,18 @@ export class Robot {
     for (let mark = Math.ceil(from / each) * each; mark < to; mark += each) {
       const y = py(this.ground(run, mark).y);
       pen.fillRect(px(mark), y + 10, 1, Math.abs(mark % 1) < 1e-6 ? 12 : 6);
-      if (Math.abs(mark - Math.round(mark)) < 1e-6) pen.fillText(`${Math.round(mark)} m`, px(mark), Math.min(height - 8, y + 34));
+      if (Math.abs(mark - Math.round(mark)) < 1e-6) pen.fillText(`${Math.round(mark)} m`, px(mark), Math.min(height - 22, y + 34));
     }
     pen.textAlign = 'left';
+    for (const kind of kinds) { // over the marks, at the foot
+      const a = px(Math.max(kind.from, from)), b = px(Math.min(kind.to, to)), name = kind.terrain.replaceAll('_', ' '), wide = pen.measureText(name).width;
+      if (b - a < Math.min(60, wide)) continue;
+      const left = Math.max(4, Math.min(Math.max(a + 10, 10), width - wide - 6));
+      pen.fillStyle = css('--card');
+      pen.fillRect(left - 4, height - 19, wide + 8, 17);
+      pen.fillStyle = css('--ink');
+      pen.fillText(name, left, height - 6);
+    }
   }
 
   /**

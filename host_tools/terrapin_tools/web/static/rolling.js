@@ -4,7 +4,7 @@ import { Robot } from './robot.js';
 
 /** @typedef {import('./strip.js').Ring} Ring */
 
-const SIGNALS = ['ATTITUDE.angle', 'ATTITUDE.swing_angle', 'ATTITUDE.pitch', 'ATTITUDE.pitch_valid', 'MOTION.ground_speed', 'MOTION.slip', 'STATUS.state', 'GROUND.terrain'];
+const SIGNALS = ['ATTITUDE.angle', 'ATTITUDE.swing_angle', 'ATTITUDE.pitch', 'ATTITUDE.pitch_valid', 'MOTION.ground_speed', 'MOTION.slip', 'MOTION.slip_valid', 'STATUS.state', 'GROUND.terrain'];
 const DRAWN_MS = 60; // between pictures
 const GAP = 1; // s without a picture after which the way is not guessed
 const TURN = 2 * Math.PI;
@@ -54,8 +54,8 @@ export class Rolling {
     const xs = [this.way - 5, this.way, this.way + 5];
     this.robot.show({
       name: '', run: { title: '', complete: true }, checks: [], faults: [], settings: null, changes: [], course: '', judged: '', radius: this.radius, words: { state: { 0: word('STATUS.state', state) } },
-      ground: { x: xs, height: xs.map((x) => Math.tan(slope) * x) }, segments: [{ from: -Infinity, terrain: ground === 'unknown' || !ground ? 'ground not known' : ground }],
-      columns: { time: [time], position: [this.way], angle: [(value('ATTITUDE.angle') ?? 0) % TURN], swing_angle: [value('ATTITUDE.swing_angle')], speed: [speed], slip: [value('MOTION.slip')], state: [0] },
+      ground: { x: xs, height: xs.map((x) => Math.tan(slope) * x) }, segments: [{ from: -Infinity, terrain: ground === 'unknown' || !ground ? 'ground not known to the controller' : ground }],
+      columns: { time: [time], position: [this.way], angle: [(value('ATTITUDE.angle') ?? 0) % TURN], swing_angle: [value('ATTITUDE.swing_angle')], speed: [speed], slip: [value('MOTION.slip_valid') ? value('MOTION.slip') : null], state: [0] },
     });
   }
 }

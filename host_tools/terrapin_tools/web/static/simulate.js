@@ -18,8 +18,8 @@ class Simulate {
     this.app = app;
     /** @type {string | null} */
     this.job = null; // that is watched
-    this.shown = false;
-    this.form = new ScenarioForm((command) => { this.batches.offer(this.form.scenario); if (this.shown) app.showCommand(command); });
+    this.shown = this.opening = false;
+    this.form = new ScenarioForm((command) => { this.batches.offer(this.form.scenario); if (this.shown && !this.opening) app.showCommand(command); });
     this.player = new Player();
     this.runs = new RunList({ app, attempt: (action) => this.attempt(action), look: (action) => this.look(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
     this.batches = new Batches({ app, body: () => this.form.body(), watch: (job, run) => this.watch(job, run) });
@@ -113,7 +113,9 @@ class Simulate {
     this.player.other = null;
     this.player.open(run, roll);
     this.runs.open(run);
+    this.opening = true; // the command that was shown is the run's
     if (run.settings && !own) this.form.choose(run.settings.name, run);
+    this.opening = false;
     this.offer();
     if (this.shown) history.replaceState(null, '', `#simulate/${encodeURIComponent(wanted)}`); // a reload opens it again
   }

@@ -325,12 +325,14 @@ export class Strip {
     const truly = lane.truth?.at(this.cursor ?? end);
     /** @param {number | null | undefined} value */
     const says = (value, sd = 0) => (lane.places === undefined ? quantity(value, lane.unit, sd) : fixed(value, lane.places));
-    const said = shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : says(shown, (lane.sd?.at(this.cursor ?? end) ?? 0) * 2);
+    const valid = !lane.valid || lane.valid.at(this.cursor ?? end) !== 0;
+    const said = !valid ? 'not valid' : shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : says(shown, (lane.sd?.at(this.cursor ?? end) ?? 0) * 2);
     pen.textAlign = 'left';
     pen.fillStyle = colours[lane.colour];
     pen.fillRect(LEFT, top + 5, 8, 8);
     pen.fillStyle = colours['--ink'];
-    const beside = lane.sd ? ' (2 sd)' : '';
+    const beside = lane.sd && valid ? ' (2 sd)' : '';
+    if (!valid) pen.fillStyle = colours['--soft'];
     pen.fillText(`${lane.name}   ${said}${beside}${truly === null || truly === undefined ? '' : `   truth ${says(truly)}`}${lane.other ? `   grey: ${says(lane.other.at(this.cursor ?? end))}` : ''}`, LEFT + 14, top + 9);
   }
 

@@ -139,6 +139,7 @@ interface Bar { x: number; wide: number; low: number; high: number }
 interface Lane {
   name: string; unit: string; words?: Record<number, string> | null; colour: string; ring: import('./strip.js').Ring;
   truth?: import('./strip.js').Ring | null; sd?: import('./strip.js').Ring | null; other?: import('./strip.js').Ring | null;
+  valid?: import('./strip.js').Ring | null; // 0 where the signal is not valid
   places?: number | undefined; // decimals that it is worth, where neither sd nor prefix says so
 }
 interface Mark { time: number | null; kind: string; text: string; number?: number; wide?: number }
@@ -158,7 +159,7 @@ interface Status {
   silent: boolean; fit: string; errors: Record<string, number>; bus_off: number; counters: number[] | null; lost: number; damaged: number;
   faults: { name: string; cause: string; reaction: string; latched?: boolean }[]; values: (number | null)[]; unknown: [string, number][]; nodes: NodeLine[];
   recording: Recording | null; last_log: Recording | null; stop_held: boolean; events: (Mark & { number: number })[];
-  drive: { driver: string; leaving: boolean; sent: number; request: string; control: string; setpoint: number; limiter: boolean } | null;
+  drive: { driver: string; ended: string; leaving: boolean; sent: number; request: string; control: string; setpoint: number; limiter: boolean } | null;
   replay: { position: number; length: number | null; speed: number; loop: boolean } | null;
 }
 /** Whether what is watched can be stopped, is stopped, is driven. */

@@ -12,7 +12,7 @@ export class Bus {
     this.element = h('section', { class: 'panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Bus' })), this.load, this.health);
   }
 
-  clear() { this.health.replaceChildren(); }
+  clear() { this.load.value = 0; this.health.replaceChildren(h('p', { class: 'small soft', text: 'Nothing is watched.' })); }
 
   /** @param {Status} now */
   draw(now) {

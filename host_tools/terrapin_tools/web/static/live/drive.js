@@ -1,7 +1,8 @@
 // The panel that drives the robot that is watched. Armed by a dialog; commands go out only while this page's heart beats,
 // so a page that is closed, hidden or cut off drives nothing. While armed, space stops wherever the focus is.
-import { h, told, unit } from '../app.js';
+import { h, number, told, unit } from '../app.js';
 import { Calibration } from './calibration.js';
+import { STOPS } from './everywhere.js';
 
 const BEAT_MS = 100; // the server lets go 400 ms after the last one
 const TERRAINS = ['hard_floor', 'sand', 'agricultural', 'red_terrain', 'dry_peat'];
@@ -31,7 +32,7 @@ export class Drive {
     this.off = h('button', { type: 'button', text: 'Disarm', onclick: () => this.disarm() });
     this.control = h('select', { 'aria-label': 'What is set', onchange: () => this.ranges() }, ...Object.keys(RANGES).map((name) => h('option', { value: name, text: name })));
     this.slider = h('input', { type: 'range', 'aria-label': 'Setpoint', oninput: () => { this.number.value = this.slider.value; this.beat(); } });
-    this.number = h('input', { type: 'number', class: 'short', 'aria-label': 'Setpoint as a number', onchange: () => { this.slider.value = this.number.value; this.beat(); } });
+    this.number = h('input', { type: 'number', class: 'short', 'aria-label': 'Setpoint as a number', onchange: () => this.typed() });
     this.unit = h('span', { class: 'soft' });
     this.limiter = h('input', { type: 'checkbox', checked: true, onchange: () => this.beat() });
     this.yes = h('button', { type: 'button', class: 'main', text: 'Arm', onclick: () => this.armed() });
@@ -46,9 +47,11 @@ export class Drive {
       h('div', { class: 'row' }, this.control, this.number, this.unit),
       this.slider, h('label', { class: 'row' }, this.limiter, 'slip limiter'),
       h('div', { class: 'row' }, this.run, this.calibrate, this.off));
-    this.simulated = h('div', { class: 'row', hidden: true }, h('span', { class: 'soft small', text: 'It stands on' }), this.ground, this.slope);
+    this.simulated = h('div', { class: 'row', hidden: true }, h('span', { class: 'soft small', text: 'Simulated ground' }), this.ground, this.slope);
+    this.stops = h('p', { class: 'soft small' });
+    this.about = h('details', { class: 'small', hidden: true }, h('summary', { text: 'What Stop does' }), this.stops);
     this.element = h('section', { class: 'panel drive-panel' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Drive' })),
-      this.words, h('div', { class: 'row' }, this.arm, this.clear), this.controls, this.led.element, this.simulated, this.said, this.dialog);
+      this.words, h('div', { class: 'row' }, this.arm, this.clear), this.controls, this.led.element, this.simulated, this.said, this.about, this.dialog);
     this.ranges();
     addEventListener('keydown', (event) => this.key(event), true);
     addEventListener('keyup', (event) => { if (event.key === ' ' && this.mine) { event.preventDefault(); event.stopPropagation(); } }, true);
@@ -61,12 +64,28 @@ export class Drive {
     this.page = said.page || '';
     this.kind = said.name === null ? '' : said.kind || 'bus';
     this.can = Boolean(said.drive);
-    this.words.textContent = this.can ? 'Nothing goes to the robot before you arm it.' : WHY[/** @type {keyof typeof WHY} */ (this.kind)] ?? WHY.other;
+    this.say();
+    this.about.hidden = said.name === null || !said.stop;
+    this.stops.textContent = STOPS[said.stop || ''] ?? '';
     this.arm.disabled = this.clear.disabled = !this.can;
     this.controls.hidden = true;
     this.simulated.hidden = this.kind !== 'robot';
     this.said.textContent = '';
     if (this.dialog.open) this.dialog.close();
+  }
+
+  /** How this page stands to the robot. */
+  say() {
+    told(this.words, !this.can ? WHY[/** @type {keyof typeof WHY} */ (this.kind)] ?? WHY.other
+      : this.mine ? 'Armed: this page drives. Space stops, whatever has the focus.' : 'Nothing goes to the robot before you arm it.');
+  }
+
+  /** A setpoint that was typed: what is beyond the slider's ends is not taken as it is, and said. */
+  typed() {
+    const [most] = RANGES[this.control.value], asked = Number(this.number.value) || 0, taken = Math.min(most, Math.max(-most, asked));
+    if (taken !== asked) this.desk.tell(`setpoint: found ${number(asked)} ${this.unit.textContent}, expected at most ${most} either way: ${number(taken)} is set`);
+    this.number.value = this.slider.value = String(taken);
+    this.beat();
   }
 
   ranges() {
@@ -129,15 +148,16 @@ export class Drive {
     const { drive } = now, other = Boolean(drive?.driver) && drive?.driver !== this.page;
     if (this.mine && drive && drive.driver !== this.page) {
       this.ended = (this.ended || 0) + 1; // a status may have been on its way when it was armed
-      if (this.ended > 3) { this.stopBeating(); this.desk.tell('No longer armed: the last event says why. Arm again to go on.'); }
+      if (this.ended > 3) { this.stopBeating(); if (!now.stop_held) this.desk.tell(`No longer armed: ${drive.ended}. Arm again to go on.`); }
     } else this.ended = 0;
     if (this.mine && now.state !== 'live') this.stopBeating(); // it is gone: what is told once must do
     this.arm.disabled = !this.can || this.mine || other || now.stop_held || now.state !== 'live';
     this.clear.disabled = !this.can || now.stop_held || now.state !== 'live';
     const text = !this.can ? '' : other ? 'Another page drives. Stop works here all the same.' : now.stop_held ? 'Stopped. Release the stop, then arm again.'
       : this.mine && now.faults.length ? `Nothing moves while a fault is set: ${now.faults.map((f) => f.name).join(', ')}. Mend its cause, then Clear faults.`
-      : this.mine && drive ? `${drive.leaving ? 'halting' : drive.request} ${drive.setpoint.toFixed(2)}${unit(drive.control === 'voltage' ? 'V' : 'm/s')}; ${drive.sent} commands sent. Space stops.` : '';
+      : this.mine && drive ? `${drive.leaving ? 'halting' : drive.request} ${drive.setpoint.toFixed(2)}${unit(drive.control === 'voltage' ? 'V' : 'm/s')}; ${drive.sent} commands sent` : '';
     told(this.said, text);
+    this.say();
     this.led.draw(this.desk.telemetry, this.desk.parameters.known.find((p) => p.name === 'calibrate_steps')?.value);
     this.element.classList.toggle('armed', this.mine);
   }

@@ -42,10 +42,12 @@ export class Tiles {
     const { faults } = now;
     this.one('Faults', faults.length ? faults.map((f) => f.name).join(', ') : 'none', faults.length ? 'bad' : 'good', faults.length ? `${faults[0].cause}; ${faults[0].reaction}` : '');
     const slip = value('MOTION.slip'), over = (slip ?? 0) > (hello.slip_limit ?? 0);
-    this.one('Slip', fixed(slip, 3), over ? 'bad' : '', `${value('MOTION.slip_valid') ? '' : 'not valid, '}limit ${number(hello.slip_limit)}`);
+    const known = Boolean(value('MOTION.slip_valid'));
+    this.one('Slip', known ? fixed(slip, 3) : 'not valid', !known ? 'soft' : over ? 'bad' : '', `limit ${number(hello.slip_limit)}`);
     const torque = value('GROUND.torque'), sd = value('GROUND.torque_sd') ?? 0;
-    this.one('C_t, mN m', torque === null ? '–' : quantity(torque * 1e3, '', sd * 1e3), '', value('GROUND.valid') ? 'valid' : 'not valid: not steady');
-    this.one('Terrain', word('GROUND.terrain'), '', `by ${fixed(value('GROUND.margin'), 1)} sd`);
+    const valid = Boolean(value('GROUND.valid')), unknown = !value('GROUND.terrain');
+    this.one('C_t, mN m', torque === null ? '–' : valid ? quantity(torque * 1e3, '', sd * 1e3) : 'not valid', valid ? '' : 'soft', valid ? 'valid' : 'not steady');
+    this.one('Terrain', word('GROUND.terrain'), unknown ? 'soft' : '', unknown ? 'not told apart yet' : `by ${fixed(value('GROUND.margin'), 1)} sd`);
     this.one('Motor', `${fixed(value('ELECTRICAL.current'), 3)} A`, '', `${fixed(value('ELECTRICAL.voltage'), 2)} V, ${fixed(value('ELECTRICAL.temperature'), 1)} °C`);
     this.one('Speed', `${fixed(value('MOTION.ground_speed'), 3)} m/s`, '', `shell ${fixed(value('MOTION.shell_speed'), 2)} rad/s`);
     this.one('Supply', `${fixed(value('ELECTRICAL.supply'), 2)} V`, '', value('ACTUATE.limiting') ? 'the slip limiter holds' : 'no limiter at work');

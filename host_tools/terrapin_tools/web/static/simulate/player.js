@@ -4,9 +4,9 @@ import { Robot, at } from '../robot.js';
 import { COLOURS, PLACES, Ring, Strip } from '../strip.js';
 
 const DEGREE = Math.PI / 180;
-// column, title, unit, the truth that belongs on its axis, the sd of a band around it
+// column, title, unit, the truth that belongs on its axis, the sd of a band around it, whether it is valid
 const CHARTS = [
-  ['estimate', 'C_t by the controller', 'N m', 'contact_torque', 'estimate_sd'], ['contact_torque', 'contact torque C_t (truth)', 'N m'], ['slip', 'slip', '1'],
+  ['estimate', 'C_t by the controller', 'N m', 'contact_torque', 'estimate_sd', 'estimate_valid'], ['contact_torque', 'contact torque C_t (truth)', 'N m'], ['slip', 'slip', '1'],
   ['swing_angle', 'swing angle', 'rad'], ['speed', 'speed', 'm/s'], ['sinkage', 'sinkage', 'm'], ['current', 'current', 'A'],
 ];
 const DRAWN_MS = 60; // between pictures of the strip charts while it plays
@@ -62,8 +62,8 @@ export class Player {
     /** @param {Run} of */
     const there = (of) => (/** @type {string | undefined} */ key) => (key && of.columns[key]?.some((v) => v) ? ringOf(of, key) : null);
     const mine = there(run), theirs = this.other ? there(this.other) : () => null;
-    this.strip.lanes = CHARTS.filter(([key]) => mine(key) && !(key === 'contact_torque' && mine('estimate'))).slice(0, 6).map(([key, text, unitText, truth, sd], i) => (
-      { name: text, unit: unitText, words: null, colour: COLOURS[i % COLOURS.length], ring: ringOf(run, key), truth: mine(truth), sd: mine(sd), other: theirs(key), places: PLACES[key] }));
+    this.strip.lanes = CHARTS.filter(([key]) => mine(key) && !(key === 'contact_torque' && mine('estimate'))).slice(0, 6).map(([key, text, unitText, truth, sd, valid], i) => (
+      { name: text, unit: unitText, words: null, colour: COLOURS[i % COLOURS.length], ring: ringOf(run, key), truth: mine(truth), sd: mine(sd), valid: valid && run.columns[valid] ? ringOf(run, valid) : null, other: theirs(key), places: PLACES[key] }));
     this.strip.seconds = times[times.length - 1] - times[0] || 1;
     this.strip.end = times[times.length - 1];
     this.strip.events = events(run);
@@ -144,7 +144,7 @@ function factsOf(run, row) {
   const estimate = whole('estimate'), code = whole('state'), state = code === null ? '' : run.words.state[code];
   return [
     `at ${fixed(value('position'), 3)} m`, `${fixed(value('speed'), 3)} m/s`, `slip ${fixed(value('slip'), 3)}`,
-    `C_t ${fixed(value('contact_torque', 1e-3), 1)} mN m, by the controller ${fixed(estimate === null ? null : estimate * 1e3, 1)}${whole('estimate_valid') ? '' : ' (not valid)'}`,
+    `C_t ${fixed(value('contact_torque', 1e-3), 1)} mN m, by the controller ${whole('estimate_valid') ? fixed(estimate === null ? null : estimate * 1e3, 1) : 'not valid'}`,
     `swing ${fixed(value('swing_angle', DEGREE), 1)}°`, `slope ${fixed(value('slope', DEGREE), 1)}°`, state ? `state ${state}` : '',
   ].filter(Boolean).join('  ·  ');
 }
