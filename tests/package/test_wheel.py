@@ -398,9 +398,9 @@ def wait_for(condition: Callable[[], object]) -> None:
 def test_a_worker_of_a_cluster(installed: Installed, cluster: str) -> None:
     for name in ("heated_motor", "forced_slip_sand"):
         installed.terrapin(f"case example {name} --to fleet/{name}")
-    here = answers(installed.terrapin("discover fleet --json -"))
-    assert answers(installed.terrapin(f"discover fleet --json - --cluster {cluster}")) == here
-    assert [answer["verdict"] for answer in here] == ["ambiguous", "missing"]
+    here = answers(installed.terrapin("compare fleet --json -"))
+    assert answers(installed.terrapin(f"compare fleet --json - --cluster {cluster}")) == here
+    assert [answer["verdict"] for answer in here] == ["missing", "missing"]
 
 
 def answers(lines: str) -> list[dict[str, Any]]:
