@@ -216,6 +216,19 @@ def test_a_wave_is_found_from_its_grid(size: float, order: float, phase: float, 
     assert fit.at_bound == ()
 
 
+@pytest.mark.parametrize("order", [3.0, 4.0])
+def test_the_order_beside_a_start_is_tried_with_all_else_free(order: float) -> None:
+    effect, slope = _wave(False), Parameter("k", "N", 1.0)
+    measured = 0.5 * X + 1.2 * np.sin(order * X + 0.7)
+
+    def predict(sets: Array) -> Array:
+        return (sets[:, :1] * X)[:, None] + _waves(effect, sets[:, 1:])
+
+    fit = fit_model(_bound(predict, effect, slope), measured[None], np.ones(1), [np.array([1.0, 0.5, 4.0, 0.3])])
+    assert fit.theta == pytest.approx([0.5, 1.2, order, 0.7], abs=1e-3)
+    assert fit.cost < 1e-6
+
+
 def test_the_grid_s_best_comes_first_with_the_size_that_fits() -> None:
     """Four starts at most, each with the size that a linear fit beside the parent gives, within its bounds."""
     order = Parameter("n", "1", 1.0, 1.0, 9.0, grid=(1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
@@ -277,6 +290,8 @@ def test_the_covariance_of_a_mean() -> None:
     larger, same = covariance(fit, run, WHITE, np.array([3.0]))
     assert larger[0, 0] == pytest.approx(9.0 * plain[0, 0])
     assert same[0, 0] == pytest.approx(robust[0, 0])
+    alone = covariance(fit, np.zeros(20, dtype=int), WHITE)[1]  # one run says as much as its mean
+    assert alone[0, 0] == pytest.approx(residual.mean() ** 2 / 0.25)
 
 
 def test_the_covariance_of_two_parameters_of_two_channels() -> None:

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
+from scipy.stats import chi2, f
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.noise.covariance import Runs
-from terrapin_tools.workbench.noise.estimate import EXACT, TRIED, Noise, least_noise, within_scatter
+from terrapin_tools.workbench.noise.estimate import EXACT, TRIED, Noise, _agree, _strongest, least_noise, within_scatter
 from terrapin_tools.workbench.noise.kinds import ALIKE, NODES, Node, considered
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
 from terrapin_tools.workbench.noise.mishaps import mishaps
@@ -82,6 +82,30 @@ def test_the_restricted_likelihood_is_that_of_dense_covariances(stated: float | 
         assert found[place] == pytest.approx(expected)
 
 
+@pytest.mark.parametrize("stated", [None, 1.0])
+def test_the_gain_of_a_shape_is_that_of_dense_covariances(stated: float | None) -> None:
+    """The best of three shapes, beside what was fitted, where the kind of noise may change with it."""
+    runs, random = _runs(), np.random.default_rng(9)
+    pool = random.standard_normal((runs.rows, 3))
+    basis = np.linalg.qr(random.standard_normal((runs.rows, 2)))[0]
+    residual = random.standard_normal(runs.rows) + 0.9 * pool[:, 1]
+    criterion, squares = restricted_likelihood([runs], [residual], [basis], [stated])
+    best = int(np.argmin(criterion))
+    gain, channel, index = _strongest([runs], residual[None], [basis], [pool], [stated], squares, best, {})
+
+    def lost(place: int, columns: Array) -> float:
+        inverse = np.linalg.inv(covariance := dense(runs, NODES[place]))
+        taken = np.linalg.solve(columns.T @ inverse @ columns, columns.T @ inverse @ residual)
+        total = float((residual - columns @ taken) @ inverse @ residual)
+        fit = runs.rows * np.log(total) if stated is None else (STATED + runs.rows) * np.log(STATED + total / stated**2)
+        return float(fit + np.linalg.slogdet(covariance)[1] - 2.0 * np.log(NODES[place].prior))
+
+    present = min(lost(place, basis) for place in range(len(ALIKE)))
+    new = [min(lost(place, np.column_stack([basis, one])) for place in {best, *TRIED}) for one in pool.T]
+    assert (channel, index) == (0, int(np.argmin(new))) == (0, 1)
+    assert gain == pytest.approx(present - min(new))
+
+
 def test_a_size_of_one_sign_or_the_other_is_one_of_any_sign() -> None:
     """Twice over: each sign alone is half of all sizes, so where one must be, its evidence counts twice."""
     random = np.random.default_rng(6)
@@ -133,6 +157,9 @@ def test_kinds_of_noise_lie_near_enough_to_each_other() -> None:
     assert max(ALIKE, key=lambda node: node.prior) == ALIKE[0] == replace(WHITE, prior=ALIKE[0].prior)
     unlike = NODES[len(ALIKE) : considered(2)]
     assert all(node.prior < 0.02 for node in unlike)
+    assert {(one.share, one.rho) for node in unlike for one in (node, node.rest) if one is not None} == {
+        (0.0, 0.0), (0.5, 0.6), (0.5, 0.9), (1.0, 0.4), (1.0, 0.8)
+    }  # fmt: skip
     for node in unlike:
         assert node.rest is not None
         for one in (node, node.rest):
@@ -330,3 +357,11 @@ def test_of_many_runs_changes_are_looked_at_evenly() -> None:
     assert len(after) == 60
     assert (after[0], after[-1]) == (2, 198)
     assert set(np.diff([one for one in after if one is not None])) == {3, 4}
+
+
+def test_a_smooth_model_that_leaves_more_than_repeats_scatter_does_not_agree() -> None:
+    """By the F test at 1 %, of the variances and their degrees of freedom."""
+    edge = float(np.sqrt(f.isf(0.01, 40.0, 12.0)))
+    assert _agree(0.99 * edge * 3.0, 40.0, 3.0, 12.0)
+    assert not _agree(1.01 * edge * 3.0, 40.0, 3.0, 12.0)
+    assert _agree(0.1, 40.0, 3.0, 12.0)
