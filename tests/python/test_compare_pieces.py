@@ -122,6 +122,7 @@ def _noise(**changed: Any) -> Any:
         "sigma": np.array([0.2, 0.5]),
         "known": np.array([True, True]),
         "node": NODES[0],
+        "carried": (),
     }
     return SimpleNamespace(**{**given, **changed})
 
@@ -151,6 +152,9 @@ def test_noise_that_is_not_as_stated_is_told_with_its_factor() -> None:
     assert (found.kind, found.channel, found.value) == ("smaller", "f", 0.5)
     assert _found(noise, missing=True) == []  # a misfit would pass for it
     assert [one.kind for one in _found(noise, missing=True, named=True)] == ["larger"]
+    for ratio, runs in ((2.5, ("r07",)), (0.4, ())):  # what is smaller than stated no run is to blame for
+        carried = _noise(wrong=np.array([0.0, 0.97]), ratio=np.array([4.0, ratio]), carried=("", "r07"))
+        assert [one.runs for one in _found(carried)] == [runs]
 
 
 @pytest.mark.parametrize(("kind", "size"), [("run_offsets", "offset"), ("run_gains", "gain"), ("drift", "drift"),

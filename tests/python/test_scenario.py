@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from terrapin_hil.effect_files import read_effect_file
@@ -145,6 +145,7 @@ def test_no_such_scenario() -> None:
     assert find_scenario("steady_sand").is_file()
 
 
+@settings(deadline=None)
 @given(st.text(max_size=30))
 def test_any_text_as_a_quantity_is_read_or_refused(text: str) -> None:
     try:
@@ -248,6 +249,7 @@ def test_python_says_nothing_of_a_text_of_the_user(text: str, tmp_path: Path, re
     assert [str(one.message) for one in recwarn] == []
 
 
+@settings(deadline=None)
 @given(st.text(alphabet="maxslip()[]<>=.0123456789 +-*/'andort", max_size=40))
 def test_any_text_as_a_check_is_read_or_refused(text: str) -> None:
     try:

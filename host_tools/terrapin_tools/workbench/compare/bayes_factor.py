@@ -31,7 +31,7 @@ __all__ = ["BayesFactor", "Block", "blocks_of"]
 
 # Prior of each family, given that one is true. Chosen by hand.
 WEIGHT = {
-    "catalogue": 0.55, "column": 0.27, "varying": 0.08, "run": 0.04, "change": 0.03, "warming": 0.01, "start": 0.01,
+    "catalogue": 0.54, "column": 0.27, "varying": 0.08, "run": 0.04, "change": 0.03, "warming": 0.01, "start": 0.01,
     "lag": 0.01, "slope": 0.01,
 }  # fmt: skip
 

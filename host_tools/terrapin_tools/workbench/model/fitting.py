@@ -249,9 +249,10 @@ def fit_model(
 def _neighbours(problem: _Problem, model: Model, theta: Array, cost: float, whole: Mask) -> tuple[Array, float]:
     """Try the whole numbers on either side."""
     for index in np.flatnonzero(whole):
-        for change in (-1.0, 1.0):
+        middle = round(theta[index])
+        for beside in (middle - 1.0, middle + 1.0):
             start = theta.copy()
-            start[index] = np.clip(round(start[index]) + change, model.lower[index], model.upper[index])
+            start[index] = np.clip(beside, model.lower[index], model.upper[index])
             new, new_cost = problem.minimum(start, ~whole)
             if new_cost < cost:
                 theta, cost = new, new_cost
