@@ -52,7 +52,9 @@ class Adapter:
         self.bell = False
 
     def write(self, text: bytes) -> None:
-        os.write(self._master, text)
+        while text:  # whoever reads may wait long for its processor, while the line is full
+            assert select.select([], [self._master], [], BOUND)[1], "the line stays full"
+            text = text[os.write(self._master, text) :]
 
     def send(self, frames: Sequence[Frame]) -> None:
         self.write(b"".join(map(slcan_line, frames)))
