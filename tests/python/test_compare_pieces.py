@@ -4,6 +4,7 @@ parameters that are tied."""
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -12,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from terrapin_hil.arrays import Array
+from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
@@ -23,6 +24,7 @@ from terrapin_tools.workbench.compare.adequacy import (
     _by_effect,
     _gains,
     _simulated,
+    assess,
     failure_on,
     where_it_fails,
 )  # fmt: skip
@@ -34,6 +36,7 @@ from terrapin_tools.workbench.compare.noise_findings import noise_findings
 from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import NODES, Node
+from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.mishaps import Mishap
 
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
@@ -147,9 +150,12 @@ def _found(noise: Any, missing: bool = False, named: bool = False, odd: int = 0,
 def test_noise_that_is_not_as_stated_is_told_with_its_factor() -> None:
     noise = _noise(wrong=np.array([0.0, 0.97]), ratio=np.array([4.0, 2.5]))
     (found,) = _found(noise)
-    assert (found.kind, found.channel, found.value, found.probability) == ("larger", "g", 2.5, 0.97)
-    (found,) = _found(_noise(wrong=np.array([0.9, 0.0]), ratio=np.array([0.5, 1.0])))
-    assert (found.kind, found.channel, found.value) == ("smaller", "f", 0.5)
+    assert (found.kind, found.channel, found.value, found.probability, found.runs) == ("larger", "g", 2.5, 0.97, ())
+    (found,) = _found(_noise(wrong=np.array([0.9, 0.0]), ratio=np.array([0.5, 1.0]), carried=("a", "b")))
+    assert (found.kind, found.channel, found.value, found.runs) == ("smaller", "f", 0.5, ())
+    for carried, runs in ((("a", "b"), ("b",)), (("a", ""), ())):  # one run alone, where one makes it so
+        (found,) = _found(_noise(wrong=np.array([0.0, 0.97]), ratio=np.array([1.0, 2.5]), carried=carried))
+        assert found.runs == runs
     assert _found(noise, missing=True) == []  # a misfit would pass for it
     assert [one.kind for one in _found(noise, missing=True, named=True)] == ["larger"]
     for ratio, runs in ((2.5, ("r07",)), (0.4, ())):  # what is smaller than stated no run is to blame for
@@ -449,3 +455,103 @@ def test_a_model_without_numbers_at_a_run_s_mean_says_nothing_of_its_scatter(hol
     np.testing.assert_allclose(found[0], speed**2 - means[run] ** 2)
     case.inputs["speed"] = np.sort(speed)  # it went on rising: the setting moved
     assert _column(fit, "speed", rows) is None
+
+
+def test_a_misfit_of_rounding_has_no_scale_of_its_own() -> None:
+    """A stated sd says nothing of one that is larger, however small: the p-value is the same at any size; below a
+    hundredth of the sd it is that of nothing."""
+    random = np.random.default_rng(3)
+    x = np.linspace(-1.0, 1.0, 80)
+    unit = random.standard_normal(80) + 0.5 * np.sign(x)
+    unit /= np.sqrt(np.mean(unit**2))
+    run = np.arange(80) // 8
+    case: Any = SimpleNamespace(run=run)
+    noise: Any = SimpleNamespace(
+        sigma=np.array([2.0]), known=np.array([True]), behind=STATED, kinds=[0, 2], node=NODES[0]
+    )
+    rows = np.ones(80, dtype=bool)
+    shapes = {"x": Shapes(np.stack([x, x**2]), np.stack([x]))}
+
+    def found(size: float) -> float:
+        residual = 2.0 * size * unit[None]
+        return assess(case, residual, np.ones((1, 80, 1)), np.ones((1, 80)), noise, [], {}, shapes, rows).p_value
+
+    assert found(3.0) == found(1.0) == found(0.0101) < 0.5
+    assert found(0.0099) > 2.0 * found(1.0)
+
+
+def test_where_no_sd_is_stated_it_is_found_twice_and_the_fit_made_with_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From a twentieth of the measurements' rms on; where all are stated there is one fit, with these."""
+    seen: list[float] = []
+
+    def fitted(case: Any, effects: Any, train: Any, sigma: Array, seed: int, near: Any) -> list[str]:
+        seen.append(float(sigma[0]))
+        return [f"fit with {sigma[0]:g}"]
+
+    def noise_of(case: Any, fit: Any, sigma: Array, given: Any, least: Array) -> Any:
+        return SimpleNamespace(sigma=sigma / 10.0), np.zeros(1), ["direction"]
+
+    model: Any = SimpleNamespace(channels=("f",), bind=lambda inputs, rows: None)
+    monkeypatch.setattr(comparison.Model, "of", lambda case: model)
+    monkeypatch.setattr(comparison, "_base_starts", lambda bound, seed: [np.zeros(1)])
+    monkeypatch.setattr(comparison, "_gives_numbers", lambda bound, start: True)
+    monkeypatch.setattr(comparison, "fitted_on", fitted)
+    monkeypatch.setattr(comparison, "_noise_of", noise_of)
+    base = SimpleNamespace(whole_runs=False, own_dynamics=None)
+    values = np.array([3.0, -3.0, 3.0, -3.0])
+    case: Any = SimpleNamespace(
+        train=np.ones(4, dtype=bool), test=np.zeros(4, dtype=bool), sigma={"f": None}, base=base, effects=(), inputs={},
+        channels={"f": values},
+    )  # fmt: skip
+    model.case = case
+    fits, noise, _, directions = comparison._fitted(case, 0)
+    assert seen == pytest.approx([0.15, 0.015, 0.0015])
+    assert noise.sigma[0] == pytest.approx(0.0015)
+    assert fits == ["fit with 0.0015"]
+    assert directions is None  # those were around the fit before
+    seen.clear()
+    case.sigma["f"] = 0.7
+    fits, noise, _, directions = comparison._fitted(case, 0)
+    assert seen == [0.7]
+    assert noise.sigma[0] == pytest.approx(0.07)
+    assert (fits, directions) == (["fit with 0.7"], ["direction"])
+
+
+@pytest.mark.parametrize(("each", "left_out"), [((2, 2, 2), 4), ((5, 1), 5), ((3, 3), 3), ((2, 0, 2), 2), ((0,), 0)])
+def test_rows_that_stand_alone_are_left_out_up_to_a_twentieth(
+    monkeypatch: pytest.MonkeyPatch, each: tuple[int, ...], left_out: int
+) -> None:
+    """Of 100 rows five together, whenever they were found; after each the fit is made anew without them."""
+
+    @dataclass(frozen=True)
+    class Rows:
+        train: Mask
+        test: Mask
+        run: Array
+        rows: int = 100
+        base: Any = None
+
+    class Stop(Exception):
+        pass
+
+    left: list[int] = []  # rows of each fit
+
+    def fitted(case: Rows, seed: int) -> Any:
+        odd = np.zeros(int((case.train | case.test).sum()), dtype=bool)
+        odd[7 : 7 + (each[len(left)] if len(left) < len(each) else 0)] = True
+        left.append(len(odd))
+        return [SimpleNamespace(model=None)], SimpleNamespace(odd=odd, sigma=np.ones(1)), np.zeros(1), []
+
+    def looked_at(case: Rows, rows: Mask) -> Any:
+        left.append(int(rows.sum()))
+        raise Stop
+
+    monkeypatch.setattr(comparison, "_fitted", fitted)
+    monkeypatch.setattr(comparison, "free_slopes", lambda fit, sigma, rows: (None, np.zeros((1, rows.sum())), None))
+    monkeypatch.setattr(comparison, "numeric_columns", lambda case: {})
+    monkeypatch.setattr(comparison, "gathered", lambda *_: False)
+    monkeypatch.setattr(comparison, "column_shapes", looked_at)
+    case: Any = Rows(np.arange(100) < 60, np.arange(100) >= 60, np.zeros(100))
+    with pytest.raises(Stop):
+        comparison._analysed(case, 0, 0.01, 1, fitted(case, 0), case.test)
+    assert left[-1] == 100 - left_out

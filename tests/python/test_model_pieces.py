@@ -216,17 +216,20 @@ def test_a_wave_is_found_from_its_grid(size: float, order: float, phase: float, 
     assert fit.at_bound == ()
 
 
+@pytest.mark.parametrize("whole_runs", [False, True])
 @pytest.mark.parametrize("order", [3.0, 4.0, 5.0])
-def test_the_order_beside_a_start_is_tried_with_all_else_free(order: float) -> None:
+def test_the_order_beside_a_start_is_tried_with_all_else_free(order: float, whole_runs: bool) -> None:
     effect, slope = _wave(False), Parameter("k", "N", 1.0)
     measured = 0.5 * X + 1.2 * np.sin(order * X + 0.7)
 
     def predict(sets: Array) -> Array:
         return (sets[:, :1] * X)[:, None] + _waves(effect, sets[:, 1:])
 
-    fit = fit_model(_bound(predict, effect, slope), measured[None], np.ones(1), [np.array([1.0, 0.5, 4.0, 0.3])])
+    bound = _bound(predict, effect, slope)
+    bound.model.case.base.whole_runs = whole_runs
+    fit = fit_model(bound, measured[None], np.full(1, 0.01), [np.array([1.0, 0.5, 4.0, 0.3])])
     assert fit.theta == pytest.approx([0.5, 1.2, order, 0.7], abs=1e-3)
-    assert fit.cost < 1e-6
+    assert fit.cost < (0.01 if whole_runs else 1e-6)  # of a body over time a hundredth of a square is none
 
 
 def test_the_grid_s_best_comes_first_with_the_size_that_fits() -> None:

@@ -176,3 +176,8 @@ def test_exponents_agree_to_a_millionth() -> None:
 def test_what_is_neither_a_number_nor_text_is_no_quantity(value: Any) -> None:
     with pytest.raises(ValueError, match="expected a number, or text with a unit"):
         quantity(value, "m")
+
+
+@pytest.mark.parametrize("unit", ["%", "mm/m", "deg/rad"])
+def test_a_share_is_one_in_si(unit: str) -> None:
+    assert in_si(unit) == "1"
