@@ -275,16 +275,27 @@ def _one_by_one(runs: Runs, residual: Array, basis: Array, node: Node, sd: float
 
 @pytest.mark.parametrize("node", [WHITE, Node(0.5, 0.6, 0.5, 0.0, 1.0), Node(1.0, 0.8, 0.0, 0.4, 1.0)], ids=str)
 @pytest.mark.parametrize("sd", [None, 2.0])
-@pytest.mark.parametrize("size", [3.3, 4.0, 4.7, 6.0])
-def test_a_row_stands_alone_by_a_fit_that_has_a_column_for_it(node: Node, sd: float | None, size: float) -> None:
+def test_a_row_stands_alone_by_a_fit_that_has_a_column_for_it(node: Node, sd: float | None) -> None:
+    """From the same size on, to a tenth of a percent: of one row, and of another beside one that is large."""
     random = np.random.default_rng(5)
     runs = Runs(random.permutation(np.repeat(np.arange(6), 7)))
     basis = orthonormal(random.standard_normal((42, 2)))
-    residual = runs.draw(random, 1, node)[:, 0]
-    residual[[3, 20]] += [size, -0.9 * size]
-    residual *= sd or 0.01
-    expected = _one_by_one(runs, residual, basis, node, sd, 2)
-    assert odd_rows(runs, residual, basis, node, sd).tolist() == expected.tolist()
+    plain = runs.draw(random, 1, node)[:, 0]
+    for first in (0.0, 15.0):
+
+        def residual(size: float, first: float = first) -> Array:
+            found = plain.copy()
+            found[[3, 20]] += [first, -size]
+            return found * (sd or 0.01)
+
+        low, high = 0.0, 12.0
+        while high - low > 0.004:
+            size = 0.5 * (low + high)
+            low, high = (low, size) if _one_by_one(runs, residual(size), basis, node, sd, 2)[20] else (size, high)
+        assert 1.0 < low < high < 10.0
+        for size, stands in ((low, False), (high, True)):
+            found = odd_rows(runs, residual(size), basis, node, sd)
+            assert np.flatnonzero(found).tolist() == [*([3] if first else []), *([20] if stands else [])]
 
 
 def test_as_many_rows_as_a_twentieth_and_one_more_are_no_exception() -> None:
