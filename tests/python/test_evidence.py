@@ -490,3 +490,27 @@ def test_what_the_sd_of_one_channel_says_is_asked_again_for_that_alone() -> None
     assert asked == [[None, None]]
     assert found.sigma.tolist() == [1.05, 12.0]
     assert (found.wrong > 0.9).all()
+
+
+@pytest.mark.parametrize(("gain", "enters"), [(19.0, False), (21.0, True)])
+def test_a_shape_enters_the_smoothest_model_from_a_gain_of_twenty(gain: float, enters: bool) -> None:
+    """Of -2 log likelihood, the stated sd counting as fifteen rows."""
+    random = np.random.default_rng(14)
+    noise, shape = random.standard_normal(80), np.sign(random.standard_normal(80))
+
+    def gained(size: float) -> float:
+        residual = noise + size * shape
+        left = [np.zeros(80), np.zeros(80)]
+        for place, columns in enumerate((np.ones((80, 1)), np.column_stack([np.ones(80), shape]))):
+            left[place] = residual - columns @ np.linalg.lstsq(columns, residual, rcond=None)[0]
+        squares = [float(one @ one) for one in left]
+        return float((STATED + 80) * np.log((STATED + squares[0]) / (STATED + squares[1])))
+
+    low, high = 0.0, 3.0
+    while high - low > 1e-9:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if gained(middle) > gain else (middle, high)
+    residual, every = (noise + high * shape)[None], np.ones((1, 80, 1))
+    found = estimate_noise(residual, every, every[..., 0], np.arange(80) % 8, [1.0], {}, [shape[None]], np.zeros(1))
+    assert replace(found.node, prior=1.0) == WHITE
+    assert found.ratio_freedom == (78.0 if enters else 79.0)

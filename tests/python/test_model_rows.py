@@ -4,6 +4,7 @@ constants as suspects, and searches within bounds, against what each is by hand.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -602,3 +603,30 @@ def test_what_the_data_do_not_determine_has_an_sd_a_million_times_as_large() -> 
     np.testing.assert_allclose(
         same, [[(known + unknown) / 4.0, (known - unknown) / 2.0], [(known - unknown) / 2.0, known + unknown]]
     )
+
+
+@pytest.mark.parametrize(
+    ("wanted", "lower", "upper", "ends", "at_bound"),
+    [(9.0, -2.0, 5.0, 5.0, ("k",)), (-9.0, -2.0, 5.0, -2.0, ("k",)), (3.0, -2.0, 5.0, 3.0, ()),
+     (-9.0, 0.0, 5.0, 0.0, ("k",)), (9.0, -5.0, 0.0, 0.0, ("k",)), (-5.0, -9.0, 5.0, -5.0, ()),
+     (1.0, 0.0, np.inf, 1.0, ())],
+)  # fmt: skip
+def test_a_parameter_that_ends_at_either_bound_is_named(
+    wanted: float, lower: float, upper: float, ends: float, at_bound: tuple[str, ...]
+) -> None:
+    fitted = [replace(_fitted("k", "k"), lower=lower, upper=upper, start=0.0)]
+    case = SimpleNamespace(base=SimpleNamespace(whole_runs=False))
+    model = SimpleNamespace(
+        fitted=fitted, case=case, start=np.zeros(1), lower=np.array([lower]), upper=np.array([upper])
+    )  # fmt: skip
+    bound: Any = SimpleNamespace(
+        model=model,
+        predict=lambda theta: np.full((1, 4), theta[0]),
+        jacobian=lambda theta: (np.full((1, 4), theta[0]), np.ones((1, 4, 1))),
+    )
+    fit = fitting.fit_model(bound, np.full((1, 4), wanted), np.full(1, 2.0), [np.zeros(1)])
+    assert fit.theta[0] == pytest.approx(ends)
+    assert fit.at_bound == at_bound
+    assert fit.cost == pytest.approx(4.0 * ((wanted - ends) / 2.0) ** 2, abs=1e-9)
+    np.testing.assert_allclose(fit.residual, (wanted - ends) / 2.0, atol=1e-6)
+    np.testing.assert_allclose(fit.jacobian, np.full((1, 4, 1), 0.5))

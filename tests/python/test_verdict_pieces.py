@@ -1,0 +1,386 @@
+"""Pieces of the verdict: names of a class, what decides between the verdicts, runs drawn anew against evidence of the
+rows that they repeat, what an answer leaves and what a column explains."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import f
+
+from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.discover import decide, leftover, misfit
+from terrapin_tools.workbench.discover.certainty import _log_odds, calibrated
+from terrapin_tools.workbench.discover.decide import Class, Decision
+from terrapin_tools.workbench.discover.leftover import Doubts, Left, absent, allowed, pays
+from terrapin_tools.workbench.discover.misfit import explained, front, part_of
+from terrapin_tools.workbench.discover.ranker import Hypothesis
+from terrapin_tools.workbench.discover.ranking import Blamed, Ranking
+from terrapin_tools.workbench.discover.resampled import Sums
+from terrapin_tools.workbench.model.linearised import Linear
+from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
+from terrapin_tools.workbench.noise.covariance import Runs
+from terrapin_tools.workbench.noise.kinds import NODES, Node
+from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, STATED, Evidence
+
+WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
+EVERY = np.ones(4, dtype=bool)
+
+
+def _set(*effects: str, kind: str = "catalogue", parameters: int = 1, taxed: float = 0.0, column: str = "") -> Any:
+    fit: Any = SimpleNamespace(theta=np.zeros(parameters), left=1.0)
+    return Hypothesis(effects, kind, 0.0, fit, column, taxed)
+
+
+def _names(*members: tuple[Any, float]) -> dict[tuple[str, ...], float]:
+    found = Class(members).names
+    assert sum(p for _, p in found) == pytest.approx(sum(p for _, p in members))
+    return {h.effects: p for h, p in found}
+
+
+def test_a_class_is_called_by_what_says_no_more_than_the_likeliest() -> None:
+    """With a tenth of its probability at least; formulas where nothing known is among them."""
+    a, b, more = _set("a"), _set("b"), _set("c", parameters=2)
+    assert _names((a, 0.5), (b, 0.06), (more, 0.4)) == {
+        ("a",): pytest.approx(0.96 * 50 / 56), ("b",): pytest.approx(0.96 * 6 / 56)
+    }  # fmt: skip
+    assert list(_names((a, 0.5), (b, 0.04))) == [("a",)]
+    assert list(_names((_set("a", "b", parameters=2), 0.5), (a, 0.1), (b, 0.06))) == [
+        ("a",),
+        ("b",),
+    ]  # a term for nothing
+    formula = _set("k*x", kind="expression")
+    assert list(_names((formula, 0.5), (a, 0.3))) == [("a",)]
+    assert list(_names((formula, 0.5), (_set("k*x**2", kind="expression"), 0.1))) == [("k*x",), ("k*x**2",)]
+
+
+def test_an_unusual_size_is_no_reason_to_leave_a_name_out() -> None:
+    """What it lost to its size is given back; beside effects of such sizes a formula of a fifth is told, too."""
+    large, formula = _set("a", taxed=MOST_TAX), _set("k*x", kind="expression")
+    usual = _set("b", taxed=MOST_TAX - 0.01)
+    assert list(_names((_set("c"), 0.5), (_set("d", taxed=1.0), 0.02))) == [("c",), ("d",)]  # 0.05 / e
+    assert list(_names((_set("c"), 0.5), (_set("d", taxed=1.0), 0.018))) == [("c",)]
+    assert list(_names((large, 0.5), (formula, 0.1))) == [("a",), ("k*x",)]
+    assert list(_names((large, 0.5), (formula, 0.099))) == [("a",)]
+    assert list(_names((large, 0.5), (formula, 0.1), (usual, 0.1))) == [("a",), ("b",)]
+
+
+def _classes(*masses: float, partly: float = 0.0) -> list[Class]:
+    found = [Class(((_set(name), mass),)) for name, mass in zip("abc", masses, strict=False)]
+    part = ((_set(found[0].members[0][0].effects[0], kind="part", column="load"), partly),) if partly else ()
+    return [replace(found[0], parts=part), *found[1:]] if found else []
+
+
+def _decided(
+    monkeypatch: pytest.MonkeyPatch, every: list[Class], p_value: float = 1.0, known: Any = None, **shares: float
+) -> Decision:
+    def probability(*kinds: str) -> float:
+        return sum(shares.get(kind, 0.0) for kind in kinds)
+
+    blamed = Blamed("run", ("seven",)) if shares.get("run", 0.0) > 0.2 else None
+    curve = Hypothesis((), "unknown", 0.0, column="speed")
+    ranking: Any = SimpleNamespace(
+        probability=probability, mishap=lambda names: blamed, hypotheses=(curve,), blind=False, expressions={}
+    )
+    analysis: Any = SimpleNamespace(missing=True, case=SimpleNamespace(run_names=()))
+    monkeypatch.setattr(decide, "classes", lambda *_: every)
+    monkeypatch.setattr(decide, "left", lambda *_: Left(1.0, 1.0, p_value))
+    monkeypatch.setattr(decide, "_halving", lambda *_: known)
+    monkeypatch.setattr(decide, "_worth", lambda analysis, ranking, top: top)
+    return decide.decide(analysis, ranking, 0.05)
+
+
+def test_what_has_most_mass_is_the_verdict(monkeypatch: pytest.MonkeyPatch) -> None:
+    def said(every: list[Class], **shares: Any) -> tuple[str, float, str, str]:
+        found = _decided(monkeypatch, every, **shares)
+        return found.verdict, found.probability, " ".join(e for h in found.told for e in h.effects), found.column
+
+    assert said(_classes(0.8, 0.1), nothing=0.1) == ("missing", pytest.approx(calibrated(0.8)), "a", "")
+    assert said(_classes(0.4, 0.3, 0.2)) == ("ambiguous", pytest.approx(calibrated(0.4)), "a b c", "")
+    assert said(_classes(0.3), unknown=0.6) == ("unexplained", pytest.approx(0.6), "", "speed")
+    assert said(_classes(0.3), unknown=0.6, known=_set("drag")) == ("partial", pytest.approx(0.6), "drag", "speed")
+    assert said(_classes(0.3, partly=0.6)) == ("partial", pytest.approx(calibrated(0.6)), "a", "load")
+    # what is left is clearly no noise: at a level of 0.05 from a thousandth on
+    assert said(_classes(0.8, 0.1), p_value=0.0009) == ("partial", calibrated(0.9991, "unexplained"), "a", "")
+    assert said(_classes(0.8, 0.1), p_value=0.0011)[0] == "missing"
+    found = _decided(monkeypatch, _classes(0.3), run=0.6, lag=0.05)
+    assert (found.verdict, found.blamed, found.probability) == (
+        "unexplained", Blamed("run", ("seven",)), pytest.approx(0.6)
+    )  # fmt: skip
+    found = _decided(monkeypatch, _classes(0.3), run=0.2, lag=0.2)
+    assert (found.verdict, found.blamed, found.probability) == ("unexplained", None, pytest.approx(0.4))
+    assert len(found.classes) == 1
+
+
+@pytest.mark.parametrize("behind", [0.0, STATED])
+def test_runs_drawn_anew_are_rows_that_are_repeated(behind: float) -> None:
+    """A run that is counted twice is two runs that are alike, one that is not drawn is left out."""
+    random = np.random.default_rng(1)
+    run = np.repeat(np.arange(5), [4, 6, 5, 7, 4])
+    rows = len(run)
+    level, residual = random.uniform(0.5, 2.0, (2, rows)), random.standard_normal((2, rows))
+    base, columns = random.standard_normal((2, rows, 2)), random.standard_normal((2 * rows, 2))
+    nodes = [0, 3, 8, next(i for i, node in enumerate(NODES) if node.drift), len(NODES) // 2]
+    nodes = [i for i in nodes if NODES[i].rest is None and not NODES[i].walk and not NODES[i].grow]
+    signs, offset = np.array([0.0, 0.0]), np.array([0.5, -1.0])
+    linear = Linear(residual, base, columns, offset, signs, 0.0)
+    sums = Sums(Runs(run, 2, level), linear, behind, nodes)
+    weight = np.array([[1.0, 1.0, 1.0, 1.0, 1.0], [2.0, 0.0, 1.0, 2.0, 0.0]])
+    found = sums.evidence(weight)
+    picks = np.concatenate([np.flatnonzero(run == one) for one in (0, 0, 2, 3, 3)])
+    again = np.repeat(np.arange(5), [4, 4, 5, 7, 7])
+
+    def evidence(mine: Array, run: Array) -> float:
+        both = np.concatenate([mine, mine + rows])
+        at_zero = (residual.reshape(-1) + columns @ offset)[both].reshape(2, -1)
+        # of the whole set, orthonormal there
+        x = np.linalg.qr(base.reshape(2 * rows, 2))[0][both].reshape(2, -1, 2)
+        of = Evidence(Runs(run, 2, level[:, mine]), at_zero, x, behind, nodes)
+        taken = np.linalg.slogdet(x.reshape(-1, 2).T @ x.reshape(-1, 2))[1]  # Evidence takes one that is so on its rows
+        return float(of.blocks(of.gram(columns[both]), np.array([[0, 1]]), np.zeros((1, 2)))[0] - 0.5 * taken)
+
+    assert found[0] == pytest.approx(evidence(np.arange(rows), run), abs=1e-6)
+    plain = [i for i in nodes if not NODES[i].gain]
+    assert plain == nodes
+    assert found[1] == pytest.approx(evidence(picks, again), abs=1e-6)
+
+
+def test_log_odds_of_a_block_are_those_of_its_covariance() -> None:
+    random = np.random.default_rng(2)
+    columns, draws = random.standard_normal((12, 2)), random.standard_normal((12, 3))
+    parts = []
+    for size in SIZES:
+        covariance = np.eye(12) + size**2 * columns @ columns.T
+        inverse, determinant = np.linalg.inv(covariance), np.linalg.slogdet(covariance)[1]
+        parts.append([0.5 * (d @ d - d @ inverse @ d - determinant) for d in draws.T])
+    np.testing.assert_allclose(_log_odds(columns, draws), logsumexp(parts, axis=0) - np.log(len(SIZES)))
+
+
+def test_correlated_rows_count_by_bartletts_variance() -> None:
+    """The variance of a mean square is 2 (1 + r^2) / (1 - r^2) over the rows."""
+    assert leftover._independent(100, WHITE) == 100.0
+    node = Node(0.5, 0.8, 0.0, 0.0, 1.0)
+    lags = np.arange(1, 400)
+    expected = 100.0 / (1.0 + 2.0 * (0.4 ** (2 * lags)).sum())
+    assert leftover._independent(100, node) == pytest.approx(expected)
+    assert allowed(50, WHITE) == pytest.approx(1.0 + 2.0 * np.sqrt(2.0 / 50.0))
+    assert allowed(0, WHITE) == pytest.approx(1.0 + 2.0 * np.sqrt(2.0))
+
+
+def test_an_effect_of_size_0_is_not_there() -> None:
+    fitted = [SimpleNamespace(effect=one) for one in (None, "drag", "drag", "gear")]
+    fit: Any = SimpleNamespace(model=SimpleNamespace(fitted=fitted), theta=np.array([0.0, 2.0, 0.0, 0.0]))
+    assert not absent(fit, ("drag",))  # its size comes first
+    assert absent(fit, ("drag", "gear"))
+    assert not absent(fit, ("table.load.scale",))
+    assert not absent(None, ("gear",))
+
+
+@pytest.fixture
+def errors(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """An analysis of 100 rows to train on and 50 held out; a fit is the errors that it leaves on them."""
+    train = np.arange(150) < 100
+
+    def error(fit: tuple[float, float], rows: Array, sigma: Array) -> float | None:
+        return fit[0] if rows[0] else fit[1]
+
+    for module in (leftover, misfit):
+        monkeypatch.setattr(module, "error", error)
+    case = SimpleNamespace(train=train, test=~train)
+    noise = SimpleNamespace(sigma=np.ones(1), node=WHITE, known=np.array([True]))
+    return SimpleNamespace(case=case, noise=noise, level=0.05)
+
+
+def test_a_further_formula_pays_where_the_fall_is_no_chance(errors: Any) -> None:
+    """Of half the squares of 50 rows, more than log 20; down to the floor of 1; and at once where much is left."""
+    enough = np.log(20.0) / 50.0
+
+    def after(fall: float) -> float:
+        return float(np.sqrt(1.15**2 - 2.0 * fall))
+
+    assert pays(errors, (1.0, after(1.01 * enough)), (1.1, 1.15))  # type: ignore[arg-type]
+    assert not pays(errors, (1.0, after(0.99 * enough)), (1.1, 1.15))  # type: ignore[arg-type]
+    assert not pays(errors, (1.0, 0.2), (1.0, 1.04))  # type: ignore[arg-type]
+    assert not pays(errors, (1.0, 1.3), (1.3, 1.3))  # type: ignore[arg-type]
+    assert pays(errors, (1.0, 1.29), (1.3, 1.3))  # type: ignore[arg-type]
+    assert pays(errors, (1.0, None), (1.0, None))  # type: ignore[arg-type]
+    # the noise of 100 and of 50 rows: 1 + 2 sqrt(2 / n)
+    train, held = np.sqrt(1.0 + 2.0 * np.sqrt(0.02)), np.sqrt(1.0 + 2.0 * np.sqrt(0.04))
+    for before, paid in (((0.999 * train, 0.999 * held), False), ((1.001 * train, 1.0), True),
+        ((1.0, 1.001 * held), True)):  # fmt: skip
+        assert pays(errors, (1.0, before[1] - 1e-3), before) == paid  # type: ignore[arg-type]
+    errors.noise.known = np.array([False])  # the sd may hold what is missing: the ratio counts
+    assert pays(errors, (0.5, 0.44), (0.5, 0.44 * 1.12))  # type: ignore[arg-type]
+    assert not pays(errors, (0.5, 0.44), (0.5, 0.44 * 1.117))  # type: ignore[arg-type]
+
+
+def test_the_front_goes_on_as_long_as_held_out_rows_gain(errors: Any) -> None:
+    def one(effects: str, fit: Any, kind: str = "catalogue") -> Hypothesis:
+        return Hypothesis(tuple(effects.split()), kind, 0.0, fit)
+
+    @dataclass(frozen=True)
+    class Fit:
+        train: float
+        held: float | None
+        model: Any = None
+
+        def __getitem__(self, place: int) -> float | None:
+            return (self.train, self.held)[place]
+
+    def told(*pairs: tuple[Hypothesis, float]) -> list[tuple[str, float]]:
+        ranking: Any = SimpleNamespace(probability=lambda kind: 0.1, pairs=lambda: list(pairs))
+        return [(" ".join(s.effects), s.probability) for s in front(errors, ranking, np.ones(1))]
+
+    errors.fit = Fit(3.0, 3.0)
+    original = misfit.absent
+    misfit.absent = lambda fit, names: "gone" in names  # type: ignore[assignment]
+    try:
+        best, second = one("a", Fit(2.0, 2.0)), one("b", Fit(1.0, 1.0))
+        two, worse = one("a b", Fit(1.5, 1.9)), one("c d e", Fit(0.5, 1.9))
+        assert told((two, 0.5), (best, 0.3), (second, 0.05), (worse, 0.05)) == [("", 0.1), ("a", 0.3), ("a b", 0.5)]
+        assert told((one("a", Fit(1.0, 3.0)), 0.9)) == [("", 0.1)]
+        assert told((one("gone", Fit(1.0, 1.0)), 0.9)) == told((one("a", Fit(1.0, 1.0), "part"), 0.9)) == [("", 0.1)]
+        errors.fit = Fit(3.0, None)  # nothing is held out: by the training runs
+        assert told((one("a", Fit(2.0, None)), 0.9), (one("a b", Fit(2.5, None)), 0.9)) == [("", 0.1), ("a", 0.9)]
+    finally:
+        misfit.absent = original
+
+
+def test_a_part_takes_its_share_of_what_is_above_the_noise(monkeypatch: pytest.MonkeyPatch) -> None:
+    """And leaves the rest, where it stands out most, in the channel that has most of it."""
+    u = np.linspace(0.0, 1.0, 400)
+    before, after = (
+        np.stack([np.full(400, 3.0), np.full(400, 6.0)]),
+        np.stack([np.full(400, 1.0), np.where(u > 0.8, 6.0, 0.0)]),
+    )
+    monkeypatch.setattr(misfit, "_left", lambda analysis, fit: fit)
+    q = np.random.default_rng(3).permutation(u)
+    case = SimpleNamespace(roles={"u": u}, extra={"q": q})
+    rows = np.ones(400, dtype=bool)
+    analysis: Any = SimpleNamespace(
+        case=case, fit=before, rows=rows, model=SimpleNamespace(channels=("f", "g"))
+    )  # fmt: skip
+    found = part_of(analysis, after, "", np.array([1.0, 2.0]))  # type: ignore[arg-type]
+    square = (1.0 + np.mean(after[1] ** 2) / 4.0) / 2.0
+    assert found.takes == pytest.approx((9.0 - square) / 8.0)
+    assert found.left == pytest.approx(np.sqrt(square))
+    assert (found.at.variable, found.at.channel) == ("u", "g")
+    assert found.at.low == pytest.approx(0.8, abs=0.01)
+    assert part_of(analysis, after, "q", np.array([1.0, 2.0])).at.variable == "q"  # type: ignore[arg-type]
+    assert part_of(analysis, before, "q", np.array([1.0, 2.0])).takes == 0.0  # type: ignore[arg-type]
+
+
+def test_what_a_column_explains_is_adjusted_for_chance() -> None:
+    """One less the variance within eight bins over that of all, each by its degrees of freedom."""
+    random = np.random.default_rng(4)
+    values = random.permutation(np.arange(160.0))
+    change = np.floor(values / 20.0) + random.standard_normal(160)
+    bins = np.floor(values / 20.0).astype(int)
+    within = sum(((change[bins == b] - change[bins == b].mean()) ** 2).sum() for b in range(8)) / 152.0
+    assert explained(change, values) == pytest.approx(1.0 - within / np.var(change, ddof=1))
+    assert explained(random.standard_normal(160), values) < 0.1
+    assert explained(np.ones(160), values) == 0.0
+    assert explained(change, np.ones(160)) == 0.0
+
+
+@pytest.mark.parametrize("rho", [0.0, 0.5])
+def test_settings_that_are_repeated_have_their_misfit_in_common(rho: float) -> None:
+    """The F test of lack of fit, with as many rows as are independent."""
+    random = np.random.default_rng(5)
+    settings, times = 8, 5
+    omega = np.tile(np.arange(float(settings)), times)
+    run = np.repeat(np.arange(times), settings)
+    residual = random.standard_normal((2, 40))
+    residual[1] += 0.8 * np.sin(3.0 * omega)
+    case = SimpleNamespace(base=SimpleNamespace(whole_runs=False), run=run, roles={"omega": omega})
+    noise = SimpleNamespace(node=Node(1.0 if rho else 0.0, rho, 0.0, 0.0, 1.0))
+    analysis: Any = SimpleNamespace(case=case, rows=np.ones(40, dtype=bool), noise=noise)
+    fit: Any = SimpleNamespace(theta=np.zeros(2))
+    shrink = (1.0 - rho**2) / (1.0 + rho**2)
+    expected = []
+    for channel in residual:
+        table = channel.reshape(times, settings)
+        above = times * (table.mean(axis=0) ** 2).sum() / (settings - 2)
+        within = ((table - table.mean(axis=0)) ** 2).sum() / (settings * (times - 1))
+        expected.append(f.sf(above / within, shrink * (settings - 2), shrink * settings * (times - 1)))
+    assert leftover._repeated(analysis, fit, residual) == pytest.approx(min(expected))
+    case.roles = {"omega": omega // 2}
+    assert leftover._repeated(analysis, fit, residual) == 1.0  # of four settings it is not asked
+    case.roles, case.run = {"omega": omega}, np.zeros(40, dtype=int)
+    assert leftover._repeated(analysis, fit, residual) == 1.0  # nor of one run
+    case.run, case.base.whole_runs = run, True
+    assert leftover._repeated(analysis, fit, residual) == 1.0
+
+
+def test_doubts_are_of_parameters_that_the_data_pull_beyond_their_bounds() -> None:
+    """By three sd of what is left, after what the free ones take; not of an effect's."""
+    random = np.random.default_rng(6)
+    free, held = random.standard_normal((2, 1, 60))
+    left = 0.5 * random.standard_normal((1, 60))
+
+    def found(size: float, key: str = "k", effect: str | None = None) -> tuple[str, ...]:
+        fitted = [SimpleNamespace(key="m", effect=None), SimpleNamespace(key=key, effect=effect)]
+        fit: Any = SimpleNamespace(
+            model=SimpleNamespace(fitted=fitted), at_bound=("k",), jacobian=np.stack([free, held], axis=-1),
+            residual=left + size * held,
+        )  # fmt: skip
+        analysis: Any = SimpleNamespace(case=SimpleNamespace(dynamics=None))
+        said = leftover.doubts(analysis, fit)
+        assert bool(said) == bool(said.at_bound)
+        return said.at_bound
+
+    basis = free[0] / np.sqrt(free[0] @ free[0])
+    slope = held[0] - basis * (basis @ held[0])
+
+    def times(size: float) -> float:
+        residual = (left + size * held)[0]
+        return float(abs(slope @ residual) / np.sqrt(residual @ residual / 59.0 * (slope @ slope)))
+
+    sizes = np.linspace(0.0, 2.0, 400)
+    least = next(float(size) for size in sizes if times(size) > 3.0)
+    assert found(least) == ("k",)
+    assert found(least - 0.006) == ()
+    assert found(5.0, effect="drag") == ()
+    assert found(5.0, key="other") == ()
+    assert not Doubts()
+    assert Doubts(restless={"f": 3.0})
+
+
+def _ranking(*given: tuple[Hypothesis, float], columns: dict[str, str] | None = None) -> Ranking:
+    return Ranking(
+        tuple(h for h, _ in given), np.array([p for _, p in given]), {}, {}, {}, columns or {}
+    )  # fmt: skip
+
+
+def test_a_mishap_is_told_where_it_is_half_of_all_that_may_be_wrong() -> None:
+    def run(name: str) -> Hypothesis:
+        return Hypothesis((), "run", 0.0, column=name)
+
+    nothing, names = Hypothesis((), "nothing", 0.0), ("one", "two", "three")
+    found = _ranking((nothing, 0.4), (run("two"), 0.2), (run("one"), 0.16), (run("three"), 0.01), (_set("a"), 0.23))
+    assert found.mishap(names) == Blamed("run", ("two",))
+    assert found.probability("run", "nothing") == pytest.approx(0.77)
+    less = _ranking((nothing, 0.4), (run("two"), 0.29), (_set("a"), 0.31))
+    assert less.mishap(names) is None
+    change = _ranking((nothing, 0.1), (Hypothesis((), "change", 0.0, column="three"), 0.7), (_set("a"), 0.2))
+    assert change.mishap(names) == Blamed("change", ("two", "three"))
+    lag = _ranking((Hypothesis((), "lag", 0.0), 0.7), (run("one"), 0.3))
+    assert lag.mishap(names) == Blamed("lag", ())
+    assert lag.blind
+    assert not change.blind
+
+
+def test_an_effect_and_a_column_have_the_mass_of_all_that_holds_them() -> None:
+    one = _set("a", "e1", kind="mixed", column="load")
+    found = _ranking((one, 0.4), (_set("a"), 0.2), (_set("b", kind="part", column="load"), 0.1),
+        (_set("e2", kind="expression", column="speed"), 0.2), (Hypothesis((), "unknown", 0.0, column="load"), 0.1),
+        columns={"e1": "load", "e2": "speed"})  # fmt: skip
+    assert found.inclusion("a") == pytest.approx(0.6)
+    assert found.inclusion("e2") == pytest.approx(0.2)
+    assert found.column_inclusion("load") == pytest.approx(0.4 + 0.1 + 0.1)
+    assert found.column_inclusion("speed") == pytest.approx(0.2)
+    assert found.pairs()[3][1] == pytest.approx(0.2)
