@@ -11,6 +11,8 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, Page, expect
 from serving import Server
 
+from tests.waiting import wait_for
+
 
 def findings(page: Page) -> list[str]:
     found = Axe().run(page).response["violations"]
@@ -70,16 +72,13 @@ def test_changes_and_back(page: Page, server: Server) -> None:
         expect(undo).to_be_enabled()
         page.keyboard.press("Control+z")
         expect(page.locator("#command")).to_contain_text("terrapin case undo")
-        page.wait_for_timeout(200)
+        wait_for(lambda stage=stages[place]: file.read_bytes() == stage)
         expect(page.locator(".job")).to_be_hidden()
-        assert file.read_bytes() == stages[place]
     expect(undo).to_be_disabled()
     page.reload()
     expect(redo).to_be_enabled()
     redo.click()
-    page.wait_for_timeout(200)
-    expect(page.locator(".job")).to_be_hidden()
-    assert file.read_bytes() == stages[1]
+    wait_for(lambda: file.read_bytes() == stages[1])
 
 
 def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browser) -> None:
@@ -113,6 +112,8 @@ def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browse
         page.get_by_role("button", name="Compare", exact=True).click()
         expect(page.get_by_text("Compared again: nothing in the case has changed")).to_be_visible()
         page.get_by_text("Own effect").click()
+        page.get_by_label("expression").fill("f_o * viscous * omega")  # what stands in the model already
+        expect(page.locator(".own")).to_contain_text("f_o is the model's own, one value in both")
         page.get_by_label("expression").fill("k * omga")
         expect(page.locator(".own")).to_contain_text("or is omega meant?")
         page.get_by_label("expression").fill("k * omega")

@@ -78,7 +78,7 @@ def test_zoom_select_and_save(page: Page, tmp_path: Path) -> None:
     words = [text.text for text in ElementTree.parse(picture).iter("{http://www.w3.org/2000/svg}text")]
     assert "current, A" in words
     assert "temperature, degC" in words
-    assert {"training", "held out", "the model fails"} <= set(words)  # what its marks mean
+    assert {"measured", "measured, held out", "the model fails"} <= set(words)  # what its marks mean
     assert any(str(word).endswith("model, 95 % band") for word in words)
     sharp = saved(page, "Model and measurement: save as PNG", tmp_path / "plot.png").read_bytes()
     assert sharp[:4] == b"\x89PNG"

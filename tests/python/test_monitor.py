@@ -290,7 +290,7 @@ def test_keys_that_drive() -> None:
     for key in ("+", "+", "-", "r", "l"):
         driving.press(key)
     assert controls.answer() | {"sent": 0} == {
-        "driver": "terminal", "leaving": False, "sent": 0,
+        "driver": "terminal", "leaving": False, "sent": 0, "ended": "",
         "request": "run", "control": "speed", "setpoint": 0.05, "limiter": False,
     }  # fmt: skip
     assert driving.said.startswith("ARMED run 0.05 m/s, limiter off")

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import ast
 import math
+import re
 import threading
 import warnings
 from collections.abc import Iterator, Mapping
@@ -120,6 +121,9 @@ def parse(text: str) -> Expression:
         with quiet():
             tree = ast.parse(stripped, mode="eval")
     except SyntaxError as error:
+        if equals := re.search(r"(?<![<>=!:])=(?!=)", stripped):
+            reason = "not a formula: what it is equal to is chosen beside it, expected what stands right of ="
+            raise ValueError(f"column {equals.start() + 1 + offset}: {reason}") from None
         raise ValueError(f"column {(error.offset or 1) + offset}: not a formula: {error.msg}") from None
     except (ValueError, MemoryError, RecursionError) as error:
         raise ValueError(f"column 1: not a formula: {error or 'too deeply nested'}") from None
@@ -160,8 +164,9 @@ def _convert(node: ast.expr, offset: int) -> Node:
         case ast.BinOp(left=left, op=operator, right=right):
             kind = _BINARY.get(type(operator))
             if kind is None:
-                hint = "; a power is written **" if isinstance(operator, ast.BitXor) else ""
-                raise refuse(f"operator {type(operator).__name__} is not known; known: + - * / **{hint}")
+                if isinstance(operator, ast.BitXor):
+                    raise refuse("operator ^ is not known: a power is written **")
+                raise refuse(f"operator {type(operator).__name__} is not known; known: + - * / **")
             return Operation(kind, (_convert(left, offset), _convert(right, offset)))
         case ast.Compare(left=left, ops=[operator], comparators=[right]):
             kind = _COMPARE.get(type(operator))

@@ -231,6 +231,9 @@ def check_expression(
     units = {p.name: p.unit or "1" for p in larger.library[name].parameters}
     first = next(iter(units), None)
     message = "sound: " + ", ".join(f"{key} in {unit}" for key, unit in units.items()) if units else "sound"
+    if shared := sorted(parsed.names & set(case.fit)):
+        which = f"{', '.join(shared)} {'is' if len(shared) == 1 else 'are'} the model's own, one value in both"
+        message += f"; {which}: another name is a parameter of its own"
     for key in units:
         if meant := get_close_matches(key, known, 1, SLIP):
             message += f"; {key} is a parameter of its own: or is {meant[0]} meant?"

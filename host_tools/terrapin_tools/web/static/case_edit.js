@@ -38,7 +38,8 @@ export class Steps {
 
   /** The case goes, and its columns are being mapped again as they were. */
   async unmap() {
-    const { app, path, folder } = this.page;
+    const { app, path, folder, view } = this.page;
+    if (view?.discovered && !confirm('Take the making of the case back, and map its columns again? What discover found goes with it.')) return;
     try { await app.api(`${path}/unmap`, { method: 'POST' }); } catch (error) { this.page.complain(error); return; }
     app.showCommand(`rm -r ${folder}`);
     app.announce('Undone: the columns are being mapped again');

@@ -88,7 +88,7 @@ export class CompareWith {
     const row = (name, kind, model, train, held) => h('tr', {}, h('th', { scope: 'row', class: `key ${kind}` }, h('i'), name), h('td', { text: model }), h('td', { class: 'n', text: number(train, 3) }), h('td', { class: 'n', text: number(held, 3) }));
     return h('div', {}, h('table', {}, h('thead', {}, h('tr', {}, ['', 'model', 'training', 'held out'].map((text, i) => (text ? h('th', { scope: 'col', class: i > 1 ? 'n' : '', text }) : h('td'))))),
       h('tbody', {}, row('this', 'model', [view.base, ...view.effects].join(' + '), mine.train_error, mine.heldout_error), row(other.plot ? other.title : 'other', 'other', other.model, other.train, other.held))),
-    h('p', { class: 'soft small', text: `Errors in ${other.plot ? 'the noise sd of each' : 'noise sd'}; 1.0 is the noise.` }),
+    h('p', { class: 'soft small', text: `Errors in ${other.plot ? 'the noise sd of each' : 'noise sd'}.` }),
     other.error ? h('p', { class: 'warn small', text: other.error }) : null);
   }
 }

@@ -118,6 +118,7 @@ export class OwnEffect {
     if (first) this.restore();
     this.known = view.names;
     this.names.textContent = `Known names: ${view.names.join(', ')}; any other becomes a parameter to fit.`;
+    this.expression.placeholder = `${view.names.includes('k') ? 'c' : 'k'} * ${view.names.includes('omega') ? 'omega' : view.plot.variable}**3`;
   }
 
   /** The names that go on from the word at the caret; one that is pressed takes its place. */

@@ -201,8 +201,8 @@ export class CasePlots {
     const table = () => this.table(plot, x, c, left, known, added, held);
     /** @type {Key[]} */
     const marks = [
-      ...(rows[0].length && !hidden.has('training') ? [{ text: 'training', mark: /** @type {const} */ ('dot'), color: css('--ink') }] : []),
-      ...(rows[1].length && !hidden.has('held out') ? [{ text: 'held out', mark: /** @type {const} */ ('held'), color: css('--ink') }] : []),
+      ...(rows[0].length && !hidden.has('training') ? [{ text: 'measured', mark: /** @type {const} */ ('dot'), color: css('--ink') }] : []),
+      ...(rows[1].length && !hidden.has('held out') ? [{ text: 'measured, held out', mark: /** @type {const} */ ('held'), color: css('--ink') }] : []),
     ];
     /** @type {Key[]} */
     const marked = ranges.length ? [{ text: 'the model fails', mark: 'box', color: css('--fail') }] : [];

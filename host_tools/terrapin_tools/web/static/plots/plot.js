@@ -7,6 +7,7 @@ import { SvgPen } from './svg_pen.js';
 const REACH = 22; // pixels within which a point answers the mouse
 const SETTLED_MS = 150; // without another drawing, after which the mouse is made ready for
 const TABLE_ROWS = 400;
+const COLOURS = ['--ink', '--soft', '--blue', '--violet', '--teal', '--band', '--floor', '--fail', '--red']; // of what a plot draws
 const FIGURE = { width: 640, height: 420, row: 18, foot: 6, sharp: 3 }; // px that a saved figure has; a picture has three for each
 /** @type {Record<string, number>} */
 const ZOOM = { '+': 0.8, '=': 0.8, '-': 1.25, 0: 0 }; // key -> share of what is shown; 0 shows all
@@ -323,10 +324,26 @@ export class Plot {
   /** @param {string} ending */
   file(ending) { return `${this.name}-${this.spec?.y.name ?? ''}-${this.spec?.x.name ?? ''}.${ending}`.toLowerCase().replaceAll(/[^\w.]+/g, '_'); }
 
-  /** What is shown as it stands in a paper: with what its marks mean, and its axes' names. @param {Pen} pen */
+  /** What is shown as it stands in a paper: light, with what its marks mean, and its axes' names. @param {Pen} pen */
   figure(pen) {
-    const { spec } = this, { width, height } = FIGURE;
-    if (!spec) return;
+    const { theme } = document.documentElement.dataset, now = COLOURS.map(css);
+    document.documentElement.dataset.theme = 'light';
+    const paper = COLOURS.map(css);
+    /** @template {{ color: string }} T @param {T[]} list @returns {T[]} */
+    const light = (list) => list.map((one) => ({ ...one, color: paper[now.indexOf(one.color)] ?? one.color }));
+    try {
+      const { spec } = this;
+      if (spec) this.onPaper(pen, { ...spec, points: light(spec.points), lines: light(spec.lines), bands: light(spec.bands), keys: light(spec.keys ?? []) });
+    } finally {
+      if (theme === undefined) delete document.documentElement.dataset.theme; else document.documentElement.dataset.theme = theme;
+    }
+  }
+
+  /** @param {Pen} pen @param {PlotSpec} spec in the colours of paper */
+  onPaper(pen, spec) {
+    const { width, height } = FIGURE;
+    pen.fillStyle = css('--card');
+    pen.fillRect(0, 0, width, height);
     const top = FIGURE.row * legend(pen, spec.keys ?? [], width, FIGURE.row);
     pen.save();
     pen.translate(0, top);
@@ -336,7 +353,7 @@ export class Plot {
 
   /** As SVG text. */
   svg() {
-    const pen = new SvgPen(FIGURE.width, FIGURE.height, css('--card'));
+    const pen = new SvgPen(FIGURE.width, FIGURE.height);
     this.figure(/** @type {Pen} */ (/** @type {unknown} */ (pen)));
     return pen.text();
   }
@@ -346,8 +363,6 @@ export class Plot {
     const { width, height, sharp } = FIGURE, canvas = h('canvas', { width: width * sharp, height: height * sharp });
     const pen = /** @type {Pen} */ (canvas.getContext('2d'));
     pen.scale(sharp, sharp);
-    pen.fillStyle = css('--card');
-    pen.fillRect(0, 0, width, height);
     this.figure(pen);
     return canvas;
   }

@@ -11,8 +11,8 @@ const STATE = ['fillStyle', 'strokeStyle', 'lineWidth', 'globalAlpha', 'font', '
 
 /** Draw on it as on a CanvasRenderingContext2D, then ask for text(). */
 export class SvgPen {
-  /** @param {number} width @param {number} height [px] @param {string} background a colour */
-  constructor(width, height, background) {
+  /** @param {number} width @param {number} height [px] */
+  constructor(width, height) {
     this.size = [width, height];
     this.fillStyle = this.strokeStyle = '#000';
     this.lineWidth = this.globalAlpha = 1;
@@ -29,7 +29,7 @@ export class SvgPen {
     /** @type {string[]} */
     this.path = [];
     /** @type {string[]} */
-    this.parts = [`<rect width="${width}" height="${height}" fill="${background}"/>`];
+    this.parts = [];
   }
 
   save() { this.stack.push(Object.fromEntries(STATE.map((key) => [key, /** @type {any} */ (this)[key]]))); }
