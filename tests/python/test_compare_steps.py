@@ -171,6 +171,21 @@ def test_an_interval_ends_where_the_cost_has_risen_by_that_of_two_sds() -> None:
         assert end**power == pytest.approx(SDS, rel=4e-3)
 
 
+@pytest.mark.parametrize("off", [0.9985, 0.9999])
+def test_where_the_sd_is_nearly_right_one_refit_finds_an_end(off: float) -> None:
+    """To two thousandths: that is near enough."""
+    analysis, refit = _analysis(lambda x: (x / off) ** 2, 0.0, 1.0)
+    asked: list[float] = []
+
+    def counted(start: Array, free: Mask) -> tuple[Array, float]:
+        asked.append(float(start[0]))
+        found: tuple[Array, float] = refit(start, free)
+        return found
+
+    assert _side(analysis, counted, 0, 1.0, -1.0) == (pytest.approx(-SDS), "closes")
+    assert len(asked) == 1
+
+
 def test_an_interval_may_end_at_a_bound_or_nowhere() -> None:
     def flat(x: float) -> float:
         return 1.0 + 1e-3 * np.tanh(x)

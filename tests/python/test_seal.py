@@ -225,3 +225,24 @@ def test_a_session_that_cannot_be_renewed_goes_on() -> None:
         session._next = 0.0
         session._renew()
     assert 2 <= asked <= 4
+
+
+def test_each_piece_has_one_tag_at_most(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames between tags go with the one before; before each tag it waits, and may begin another session."""
+    said: list[str] = []
+    monkeypatch.setattr(Session, "_needs_tag", lambda self, frame: frame > 0)
+    monkeypatch.setattr(Session, "_one", lambda self, frame: said.append(f"seals {frame}") or [frame, -frame])
+    monkeypatch.setattr(Session, "_wait", lambda self: said.append("waits"))
+    monkeypatch.setattr(Session, "_renew", lambda self: said.append("renews"))
+    session = Session.__new__(Session)
+
+    def pieces(*frames: int) -> list[list[int]]:
+        said.clear()
+        return list(session.batches(frames))  # type: ignore[arg-type]
+
+    assert pieces(1, 2, 3) == [[1, -1], [2, -2], [3, -3]]
+    assert said == ["waits", "renews", "seals 1", "waits", "renews", "seals 2", "waits", "renews", "seals 3"]
+    assert pieces(-1, 2, -3, -4, 5, -6) == [[-1, 1, 2, -2, -3, 3, -4, 4], [5, -5, -6, 6]]
+    assert pieces(-1, -2) == [[-1, 1, -2, 2]]
+    assert said == ["seals -1", "seals -2"]
+    assert pieces() == [[]]

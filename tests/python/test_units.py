@@ -21,6 +21,7 @@ from terrapin_tools.workbench.files.units import (
     quantity,
     shifted,
     si_factor,
+    turns,
 )
 
 
@@ -181,3 +182,29 @@ def test_what_is_neither_a_number_nor_text_is_no_quantity(value: Any) -> None:
 @pytest.mark.parametrize("unit", ["%", "mm/m", "deg/rad"])
 def test_a_share_is_one_in_si(unit: str) -> None:
     assert in_si(unit) == "1"
+
+
+@pytest.mark.parametrize(("unit", "other"), [("m", "1"), ("m s", "s"), ("N m", "N"), ("m", "m^2"), ("rad m", "s")])
+def test_a_dimension_more_is_another_kind(unit: str, other: str) -> None:
+    assert not same_kind(unit, other)
+    assert not same_kind(other, unit)
+
+
+def test_what_is_no_rate_is_not_counted_in_turns() -> None:
+    """What has another kind stays as it is, and is refused by its own name."""
+    for unit, to in (("m", "rad/s"), ("m/s", "rad/s"), ("1/min", "rad/s^2"), ("1/min^2", "rad/s"), ("1/min", "Hz")):
+        assert turns(unit, to) == unit
+    for unit, to in (("1/min", "rad/s"), ("1/min^2", "rad/s^2")):
+        assert turns(unit, to) == f"turn*({unit})"
+    with pytest.raises(ValueError, match="'m' does not convert"):
+        convert(1.0, "m", "rad/s")
+
+
+def test_a_factor_to_base_units_is_one_to_a_base_unit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not to any other unit that the table knows a factor to."""
+    table = {("furlong", "mm"): 201168.0, ("furlong", "m"): 201.168, ("league", "mm"): 4.8e6}
+    monkeypatch.setattr("terrapin_hil.units._FACTORS", table)
+    assert {"m"} <= _BASE
+    assert "mm" not in _BASE
+    assert base_factor("furlong") == 201.168
+    assert base_factor("league") is None

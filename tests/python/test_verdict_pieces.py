@@ -13,15 +13,29 @@ from scipy.special import logsumexp
 from scipy.stats import f
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.discover import decide, leftover, misfit
+from terrapin_hil.physics.effects import Parameter
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.discover import (
+    decide,
+    discovery,
+    leftover,
+    misfit,
+    planted,
+    ranker,
+    suspect_answers,
+    unexplained,
+)
+from terrapin_tools.workbench.discover import ranking as ranking_
 from terrapin_tools.workbench.discover.certainty import _log_odds, calibrated
 from terrapin_tools.workbench.discover.decide import Class, Decision
 from terrapin_tools.workbench.discover.leftover import Doubts, Left, absent, allowed, pays
 from terrapin_tools.workbench.discover.misfit import explained, front, part_of
-from terrapin_tools.workbench.discover.ranker import Hypothesis
+from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking
 from terrapin_tools.workbench.discover.resampled import Sums
+from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.linearised import Linear
+from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import NODES, Node
@@ -268,7 +282,7 @@ def test_a_part_takes_its_share_of_what_is_above_the_noise(monkeypatch: pytest.M
     square = (1.0 + np.mean(after[1] ** 2) / 4.0) / 2.0
     assert found.takes == pytest.approx((9.0 - square) / 8.0)
     assert found.left == pytest.approx(np.sqrt(square))
-    assert (found.at.variable, found.at.channel) == ("u", "g")
+    assert (found.at.variable, found.at.channel, found.at.mean_residual) == ("u", "g", pytest.approx(3.0))
     assert found.at.low == pytest.approx(0.8, abs=0.01)
     assert part_of(analysis, after, "q", np.array([1.0, 2.0])).at.variable == "q"  # type: ignore[arg-type]
     assert part_of(analysis, before, "q", np.array([1.0, 2.0])).takes == 0.0  # type: ignore[arg-type]
@@ -308,6 +322,8 @@ def test_settings_that_are_repeated_have_their_misfit_in_common(rho: float) -> N
         within = ((table - table.mean(axis=0)) ** 2).sum() / (settings * (times - 1))
         expected.append(f.sf(above / within, shrink * (settings - 2), shrink * settings * (times - 1)))
     assert leftover._repeated(analysis, fit, residual) == pytest.approx(min(expected))
+    exact = np.stack([np.floor(omega), residual[1]])  # equal rows to the last digit: computed, not measured
+    assert leftover._repeated(analysis, fit, exact) == pytest.approx(expected[1])
     case.roles = {"omega": omega // 2}
     assert leftover._repeated(analysis, fit, residual) == 1.0  # of four settings it is not asked
     case.roles, case.run = {"omega": omega}, np.zeros(40, dtype=int)
@@ -384,3 +400,304 @@ def test_an_effect_and_a_column_have_the_mass_of_all_that_holds_them() -> None:
     assert found.column_inclusion("load") == pytest.approx(0.4 + 0.1 + 0.1)
     assert found.column_inclusion("speed") == pytest.approx(0.2)
     assert found.pairs()[3][1] == pytest.approx(0.2)
+
+
+def test_classes_are_of_sets_that_were_refitted_and_are_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What predicts the same is one; parts stand with the set that they are of, most mass first."""
+
+    class Apart:
+        def __init__(self, analysis: Any, ranking: Any, top: Hypothesis) -> None:
+            assert top.effects == ("a", "z")
+
+        def alike(self, first: Hypothesis, other: Hypothesis) -> bool:
+            return first.column == other.column
+
+    monkeypatch.setattr(decide, "_Apart", Apart)
+    monkeypatch.setattr(decide, "absent", lambda fit, names: "gone" in names)
+    unfitted = replace(_set("u", column="x"), fit=None)
+    pairs = [
+        (Hypothesis((), "nothing", 0.0, _set("a").fit), 0.2), (_set("a", "z", column="x"), 0.2),
+        (_set("b", column="y"), 0.15),
+        (_set("c", column="x"), 0.1), (_set("d", column="y"), 0.15), (_set("gone", column="x"), 0.1), (unfitted, 0.1),
+        (_set("b", kind="part", column="q"), 0.05), (_set("rare", column="y"), 9e-7), (_set("alone", column="x"), 9e-7),
+        (_set("alone", kind="part", column="q"), 2e-6), (_set("small", column="x"), 1e-3),
+        (_set("z", column="x"), 1e-4),
+    ]  # fmt: skip
+    ranking: Any = SimpleNamespace(pairs=lambda: pairs)
+    analysis: Any = None
+    found = decide.classes(analysis, ranking)
+    named = [[" ".join(h.effects) for h, _ in one.members] for one in found]
+    # what has less than a hundredth of the likeliest joins only a set that it is a part of
+    assert named == [["a z", "c", "z"], ["b", "d"], ["small"], ["alone"]]
+    assert [one.mass for one in found[:2]] == pytest.approx([0.3001, 0.3])
+    assert [one.partly for one in found] == pytest.approx([0.0, 0.05, 0.0, 2e-6])
+    ranking.pairs = lambda: [(Hypothesis((), "nothing", 0.0), 1.0)]
+    assert decide.classes(analysis, ranking) == []
+
+
+def test_predictions_are_alike_where_each_reaches_the_other() -> None:
+    """By squares of less than two sd; of the sds that the likeliest leaves."""
+    apart = decide._Apart.__new__(decide._Apart)
+    evidence = Evidence(Runs(np.zeros(6, dtype=int)), np.zeros((1, 6)), np.zeros((1, 6, 0)), 0.0, [0])
+    apart.evidence, apart.node, apart.row = evidence, WHITE, 2.0
+    unit, across = np.eye(6)[0][None], np.eye(6)[1][None]
+    hypotheses = {name: _set(name) for name in "ab"}
+    apart.known = {
+        id(hypotheses["a"]): (3.0 * unit + across, unit[..., None]),
+        id(hypotheses["b"]): (0.0 * unit, np.zeros((1, 6, 0))),
+    }
+    # from a's way b is 1 across, from b's a is 3 and 1; in sds of 2
+    assert apart(hypotheses["b"], hypotheses["a"]) == pytest.approx(1.0 / 4.0)
+    assert apart(hypotheses["a"], hypotheses["b"]) == pytest.approx(10.0 / 4.0)
+    assert not apart.alike(hypotheses["a"], hypotheses["b"])
+    assert not apart.alike(hypotheses["b"], hypotheses["a"])
+    apart.row = 3.0
+    assert apart.alike(hypotheses["a"], hypotheses["b"])
+    apart.evidence = None
+    assert apart(hypotheses["a"], hypotheses["b"]) == np.inf
+
+
+def _push(minimum: float, maximum: float) -> Any:
+    return SimpleNamespace(name="push", parameters=(Parameter("a", "N", 0.0, minimum, maximum),))
+
+
+def test_a_size_that_is_planted_lies_within_its_bounds() -> None:
+    """Of an effect that can only be negative a size in sd is; what it cannot be is refused."""
+    assert planted._in_bounds(_push(-9.0, 0.0), 3.0, 3.0) == -3.0
+    assert planted._in_bounds(_push(-9.0, 0.0), 0.5, 0.5) == -0.5
+    assert planted._in_bounds(_push(-9.0, -1.0), 3.0, 3.0) == -3.0
+    assert planted._in_bounds(_push(-9.0, 0.0), -3.0, -3.0) == -3.0
+    assert planted._in_bounds(_push(0.0, 9.0), 9.0, 9.0) == 9.0
+    for low, high, size in ((-9.0, 0.5, 0.7), (-9.0, 0.5, 3.0), (0.0, 9.0, 9.1), (0.0, 9.0, -0.1), (-9.0, 0.0, 9.5)):
+        with pytest.raises(UserError, match=r"expected .* to .* N"):
+            planted._in_bounds(_push(low, high), size, size)
+
+
+def test_a_size_that_is_planted_is_read_in_its_unit_or_in_sds() -> None:
+    push: Any = _push(-9.0, 9.0)
+    assert planted.size_of("2sd", push) == (2.0, True)
+    assert planted.size_of(" 0.5 ", push) == (0.5, False)
+    assert planted.size_of("-3 kN", push) == (-3000.0, False)
+    for text in ("2 sd", "1 m", "many", "infsd", "nan"):
+        with pytest.raises(UserError, match="expected a number in N"):
+            planted.size_of(text, push)
+    assert planted._words("unexplained", ("a",)) == "unexplained"
+    assert planted._words("missing", ("expression_2", "a")) == "a + a formula"
+
+
+def test_a_table_with_an_effect_has_the_noise_that_the_fit_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of each run with one sign, larger by the share that a fit takes away; a wave starts anywhere."""
+
+    @dataclass(frozen=True)
+    class Case:
+        train: Array
+        test: Array
+        inputs: dict[str, Array]
+        channels: dict[str, Array]
+        run: Array
+        run_names: tuple[str, ...]
+
+    rows = np.arange(10) < 8
+    case: Any = Case(rows, np.zeros(10, dtype=bool), {}, {"f": np.arange(10.0)}, np.arange(10) // 2, tuple("abcde"))
+    asked: list[Array] = []
+    plain = SimpleNamespace(predict=lambda theta: np.full((1, 8), theta[0]))
+
+    def predict(theta: Array) -> Array:
+        asked.append(theta)
+        return np.full((1, 8), theta[0] + 100.0 * theta[2])
+
+    model = SimpleNamespace(channels=("f",), case=case, bind=lambda inputs, mask: plain)
+    model.having = lambda effect: SimpleNamespace(bind=lambda inputs, mask: SimpleNamespace(predict=predict))
+    monkeypatch.setattr(planted.Model, "of", lambda case: model)
+    phase = Parameter("p", "rad", 0.0, -2.0 * np.pi, 2.0 * np.pi)
+    effect: Any = SimpleNamespace(parameters=(Parameter("a", "N", 0.0), Parameter("n", "1", 2.0), phase))
+    analysis: Any = SimpleNamespace(fit=SimpleNamespace(theta=np.array([3.0, 1.0])))
+    shape: Any = SimpleNamespace(values=(5.0, 0.0))
+    found = planted._table(case, analysis, effect, shape, 2.0, np.random.default_rng(1))
+    (theta,) = asked
+    assert theta[:4].tolist() == [3.0, 1.0, 2.0, 5.0]
+    assert theta[4] != 0.0
+    assert abs(theta[4]) <= np.pi
+    noise = np.arange(8.0) - 3.0
+    known = np.flatnonzero(noise)
+    ratio = (found.channels["f"][known] - 203.0) / noise[known] * np.sqrt(6.0 / 8.0)
+    np.testing.assert_allclose(np.abs(ratio), 1.0)
+    for run in range(4):
+        assert len(set(np.sign(ratio[case.run[known] == run]))) == 1
+    assert found.channels["f"][8:].tolist() == [8.0, 9.0]
+    assert case.channels["f"][0] == 0.0
+
+
+def test_the_size_of_an_effect_is_that_in_its_loudest_channel() -> None:
+    """Against its absence, or what comes nearest to it within its bounds."""
+    fitted = [SimpleNamespace(effect=None), SimpleNamespace(effect="drag"), SimpleNamespace(effect="drag")]
+    x = np.array([1.0, -1.0, 1.0, -3.0])
+
+    def predict(theta: Array) -> Array:
+        return np.stack([theta[0] + theta[1] * x, 0.2 * theta[1] * x])
+
+    model = SimpleNamespace(fitted=fitted, lower=np.array([0.0, 0.5, 0.0]), upper=np.full(3, 9.0))
+    model.bind = lambda inputs, rows: SimpleNamespace(predict=predict)
+    fit: Any = SimpleNamespace(model=model, theta=np.array([2.0, 3.5, 4.0]))
+    noise = SimpleNamespace(sigma=np.array([1.0, 0.1]))
+    analysis: Any = SimpleNamespace(case=SimpleNamespace(inputs={}), rows=EVERY, noise=noise)
+    rms = np.sqrt(np.mean(x**2))
+    assert discovery._size(analysis, fit, "drag") == pytest.approx(3.0 * 0.2 / 0.1 * rms)
+    noise.sigma = np.array([1.0, 10.0])
+    assert discovery._size(analysis, fit, "drag") == pytest.approx(3.0 * rms)
+
+
+def test_the_column_of_the_likeliest_answers_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
+    def failure(name: str) -> Any:
+        return SimpleNamespace(variable=name, channel="g", gain=4.0)
+
+    shares: dict[str, float] = {}
+    monkeypatch.setattr(discovery, "importance", lambda *_: dict(shares))
+    monkeypatch.setattr(discovery, "numeric_columns", lambda case: {"q": np.arange(6.0)})
+    made: list[Any] = []
+
+    def failure_on(case: Any, name: str, values: Array, scaled: Array, channel: int, *rest: Any) -> Any:
+        made.append((values.tolist(), scaled.tolist(), channel, rest[-1]))
+        return failure(name)
+
+    monkeypatch.setattr(discovery, "failure_on", failure_on)
+    analysis: Any = SimpleNamespace(
+        where=[failure("u"), failure("v")], case=None, rows=np.arange(6) % 2 == 0,
+        model=SimpleNamespace(channels=("f", "g")), residual=np.ones((2, 3)),
+        noise=SimpleNamespace(sigma=np.array([2.0, 4.0])),
+    )  # fmt: skip
+
+    def told(top: Any, column: str = "") -> list[str]:
+        ranking: Any = None
+        return [one.variable for one in discovery._where(analysis, ranking, top, column)]
+
+    top = _set("a")
+    assert told(None) == ["u", "v"]
+    shares.update(u=0.5, v=0.6)
+    assert told(top) == ["v", "u"]
+    assert told(None) == ["u", "v"]
+    shares.update(u=0.6004, v=0.6)  # as much, to a thousandth: the order of compare
+    assert told(top) == ["u", "v"]
+    shares.update(q=0.7)
+    assert told(top) == ["q", "u", "v"]
+    assert made == [([0.0, 2.0, 4.0], [[0.5] * 3, [0.25] * 3], 1, 4.0)]
+    assert told(top, "v") == ["v", "u"]
+    analysis.where = []
+    assert told(top, "v") == []
+
+
+def test_a_bump_or_waves_of_a_column_are_of_unit_size() -> None:
+    """Cosines over its range, slow ones larger, beside a constant; bumps as wide as their distance."""
+    values = np.linspace(-3.0, 5.0, 801)
+    one = np.ones(801)
+    waves = unexplained._Waves("q", "", values, one)
+    place = (values + 3.0) / 8.0
+    expected = [one, *(np.sqrt(2.0 / k) * np.cos(np.pi * k * place) for k in range(1, 9))]
+    np.testing.assert_allclose(waves.at(values).T, expected, atol=1e-12)
+    bumps = unexplained._Bump("q", "", values, one)
+    found = bumps.at(values)
+    assert found.shape == (801, 50)
+    np.testing.assert_allclose(np.sqrt((found**2).mean(axis=0)), 1.0)
+    assert place[np.argmax(found[:, 7])] == pytest.approx(7.5 / 50.0, abs=1e-3)
+    high = found[:, 7] > np.exp(-0.5) * found[:, 7].max()
+    assert np.ptp(place[high]) == pytest.approx(2.0 / 50.0, abs=3e-3)
+    block = unexplained._Waves("q", "load", values, 2.0 * one).block(1, 3).reshape(3, 801, 9)
+    assert not block[[0, 2]].any()
+    np.testing.assert_allclose(block[1], 2.0 * waves.at(values))
+
+
+def test_prior_of_a_set_is_shared_by_its_kinds_of_terms() -> None:
+    """0.62 among the catalogue, 0.07 among the constants, 0.03 among the faults, the rest among formulas; sets of two
+    in any order."""
+    own: Any = SimpleNamespace(
+        catalogue=10, suspects={"constant.r": 0, "constant.s": 0}, possible=[0] * 6, faults={"table.x": 0},
+        sketches={"e": SimpleNamespace(prior=0.25, scales={"w": 0, "x0": 0})}, razor={},
+    )  # fmt: skip
+
+    def prior(*names: str) -> float:
+        return Ranker.log_prior(own, names)
+
+    formula = 0.28 * 0.25
+    assert prior() == pytest.approx(np.log(0.2))
+    assert prior("drag") == pytest.approx(np.log(0.54 * 0.062))
+    assert prior("constant.r") == pytest.approx(np.log(0.54 * 0.035))
+    assert prior("table.x") == pytest.approx(np.log(0.54 * 0.005))
+    assert prior("e") == pytest.approx(np.log(0.54 * formula))
+    assert prior("drag", "e") == pytest.approx(np.log(0.19 * 2.0 * 0.062 * formula))
+    assert prior("a", "b", "c", "d", "f") == pytest.approx(np.log(0.005 * 120.0 * 0.062**5))
+    own.catalogue, own.suspects, own.possible = 0, {}, []
+    assert prior("e") == pytest.approx(np.log(0.54 * 0.25))
+    own.razor = {frozenset(["a"]): -1.0, frozenset(["b"]): -2.0, frozenset(["a", "c"]): -0.5}
+    assert Ranker.lost(own, ("a", "b")) == -3.0
+    assert Ranker.lost(own, ("a", "c")) == -0.5
+    assert Ranker.lost(own, ("a", "e")) == pytest.approx(-1.0 - 2.0 * ranker.SCALE_COST)
+
+
+def test_an_effect_is_weighed_by_its_shapes_on_average() -> None:
+    shapes: Any = [
+        SimpleNamespace(effect=name, columns=np.full((3, count), value)) for name, count, value in
+        (("a", 1, 1.0), ("a", 1, 2.0), ("wave", 2, 5.0), ("b", 1, 3.0), ("b", 1, np.nan), ("c", 1, 9.0))
+    ]  # fmt: skip
+    logs = {1.0: -5.0, 2.0: -4.0, 3.0: -3.0, 9.0: -np.inf}
+    beyond: Any = SimpleNamespace(single=lambda columns: np.array([logs[v] for v in columns[0]]))
+    found = ranker.by_effect(beyond, shapes)
+    assert found == {"a": pytest.approx(np.log(0.5 * (np.exp(-5.0) + np.exp(-4.0)))), "b": pytest.approx(-3.0)}
+    assert ranker.by_effect(beyond, shapes[2:3]) == {}
+    for lower, upper, sign in ((0.0, 9.0, 1.0), (-9.0, 0.0, -1.0), (-9.0, 9.0, 0.0)):
+        one = Shape("a", (), np.ones((3, 1)), 1.0, lower, upper)
+        assert ranker._sign(one) == sign
+
+
+def test_where_a_pair_starts_is_read_off_its_coefficients() -> None:
+    phase = Parameter("p", "rad", 0.0, -2.0 * np.pi, 2.0 * np.pi)
+    effect = SimpleNamespace(parameters=(Parameter("a", "N", 0.0), phase, Parameter("n", "1", 1.0)))
+    own: Any = SimpleNamespace(effects={"wave": effect})
+    wave = Shape("wave", (0.0, 3.0), np.ones((4, 2)), 2.0, -np.inf, np.inf)
+    name, start = Ranker._start(own, wave, np.array([3.0, 4.0]))
+    assert name == "wave"
+    np.testing.assert_allclose(start, [10.0, np.arctan2(4.0, 3.0), 3.0])
+    # a sine of that phase is what the two columns are together
+    x = np.linspace(0.0, 6.0, 20)
+    np.testing.assert_allclose(5.0 * np.sin(3.0 * x + start[1]), 3.0 * np.sin(3.0 * x) + 4.0 * np.cos(3.0 * x))
+    push = Shape("wave", (0.5, 3.0), np.ones((4, 1)), 2.0, 0.0, 1.5)
+    for size, expected in ((1.0, 2.0), (9.0, 3.0), (-1.0, 0.0)):
+        np.testing.assert_allclose(Ranker._start(own, push, np.array([size]))[1], [expected, 0.5, 3.0])
+
+
+def test_of_the_factors_of_a_column_those_that_cannot_be_told_apart_are_named_together() -> None:
+    """Odds of 20; an unusual one only beside one that is as unusual."""
+
+    def looked(title: str, alone: float, beside: float = -np.inf, cost: float = 0.0) -> Any:
+        return suspect_answers._Looked(
+            Fault("t", f"load {title}", "", "", (), (), (), "0", "load", column="load", cost=cost), alone, beside, ""
+        )
+
+    def told(*each: Any) -> str:
+        return suspect_answers._likeliest(each).fault.title
+
+    a, b, far, odd = looked("is a", 5.0), looked("is b", 0.0, 2.1), looked("is c", 1.9), looked("is d", 4.0, cost=3.0)
+    assert told(b, a, far, odd) == "load is a or is b"
+    assert told(looked("is e", 6.0, cost=3.0), odd, a) == "load is e or is a or is d"
+    assert told(far) == "load is c"
+
+
+def test_mishaps_share_the_prior_of_their_kind(monkeypatch: pytest.MonkeyPatch) -> None:
+    def one(kind: str, run: int | None, count: int) -> Any:
+        return SimpleNamespace(kind=kind, run=run, columns=np.zeros((4, count)))
+
+    listed = [one("run", 0, 2), one("run", 2, 2), one("lag", None, 1)]
+    logs = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
+    own: Any = SimpleNamespace(
+        analysis=SimpleNamespace(mishaps=listed), runs=SimpleNamespace(runs=4),
+        evidence=SimpleNamespace(single=lambda columns: logs), case=SimpleNamespace(run_names=("one", "two", "three")),
+    )  # fmt: skip
+    found = ranking_._mishaps(own)
+    assert [(h.kind, h.column, h.effects) for h in found] == [("run", "one", ()), ("run", "three", ()), ("lag", "", ())]
+    expected = [
+        logsumexp([1.0, 2.0]) + np.log(0.02 / 4.0),
+        logsumexp([3.0, 4.0]) + np.log(0.02 / 4.0),
+        5.0 + np.log(0.01),
+    ]
+    assert [h.log_weight for h in found] == pytest.approx(expected)
+    own.runs.runs = 3
+    assert ranking_._mishaps(own) == []
