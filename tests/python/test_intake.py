@@ -9,12 +9,17 @@ import subprocess
 import sys
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 from casekit import ROLLING, one_line, rolling, terrapin
 
+from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
+from terrapin_tools.workbench.case.changes import OwnParameter, parse_parameter
+from terrapin_tools.workbench.case.columns import run_of_rows
 from terrapin_tools.workbench.files import csv_files
 
 
@@ -325,3 +330,30 @@ def test_a_case_needs_its_folder(capsys: pytest.CaptureFixture[str]) -> None:
     status, _, err = terrapin(capsys, "case", "day.csv")
     assert status == 2
     one_line(err, ["--to"])
+
+
+@pytest.mark.parametrize("text", ["k=one", "k=1:low:2", "k=1:0:high", "k=", "k=1:0", "k", "=1", "2k=1"])
+def test_a_parameter_that_is_no_number_or_has_no_name_is_refused(text: str) -> None:
+    with pytest.raises(UserError, match=r"^--parameter: found .*expected .*NAME=START:MIN:MAX"):
+        parse_parameter(text)
+
+
+def test_a_parameter_may_have_one_bound_or_none() -> None:
+    assert parse_parameter(" k =2") == ("k", OwnParameter(2.0, None, None, "1"))
+    assert parse_parameter("k=2::3") == ("k", OwnParameter(2.0, None, 3.0, "1"))
+    assert parse_parameter("k=2:1::N m: s") == ("k", OwnParameter(2.0, 1.0, None, "N m: s"))
+
+
+def test_the_run_of_rows_is_that_of_its_column_or_of_a_whole_file() -> None:
+    """A log is one run, whatever column is named."""
+
+    def table(name: str) -> Any:
+        column = ["a", "a", "b"]
+        return SimpleNamespace(
+            path=Path(name), rows=3, columns={"run": column}, text=lambda _: column, place=str
+        )  # fmt: skip
+
+    both: Any = [table("one.csv"), table("two.mf4")]
+    tables: Any = None
+    assert run_of_rows(tables, both, "run") == ["a", "a", "b", "two", "two", "two"]
+    assert run_of_rows(tables, both, "") == ["one"] * 3 + ["two"] * 3

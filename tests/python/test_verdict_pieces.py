@@ -701,3 +701,128 @@ def test_mishaps_share_the_prior_of_their_kind(monkeypatch: pytest.MonkeyPatch) 
     assert [h.log_weight for h in found] == pytest.approx(expected)
     own.runs.runs = 3
     assert ranking_._mishaps(own) == []
+
+
+def _analysed(missing: bool, rows: int = 6) -> Any:
+    @dataclass(frozen=True)
+    class Analysed:
+        missing: bool
+        odd: Array
+        told: str = "told"
+        noise: str = "noise"
+        together: bool = False
+
+    return Analysed(missing, np.zeros(rows, dtype=bool))
+
+
+@pytest.mark.parametrize(
+    ("missing", "alone", "nothing", "looks", "together"),
+    [(True, (2, 1, 0), 0.0, 2, False), (True, (0,), 0.0, 0, False), (False, (2,), 1.0, 0, False),
+     (False, (2,), 0.0, 0, True), (True, (1, 1, 1, 1, 1, 1, 1), 0.0, None, False)],
+)  # fmt: skip
+def test_rows_that_stand_alone_beside_an_answer_are_looked_for_again(
+    monkeypatch: pytest.MonkeyPatch,
+    missing: bool,
+    alone: tuple[int, ...],
+    nothing: float,
+    looks: int | None,
+    together: bool,
+) -> None:
+    """Until there are none; all that were left out are kept in mind, and so is the first look. Where no test shows it
+    and the search is sure, the search is told what it found."""
+
+    @dataclass(frozen=True)
+    class Case:
+        train: Array
+        test: Array
+
+    ranked: list[Any] = []
+    answer, rows = _set("a"), np.arange(12) < 8
+    monkeypatch.setattr(discovery, "analyse", lambda case, seed, level: _analysed(missing, 12))
+
+    def with_curves(analysis: Any, number: int) -> Any:
+        known = Hypothesis((), "nothing", 0.0), answer
+        return SimpleNamespace(hypotheses=known, probability=lambda kind: nothing, number=number)
+
+    def rank(analysis: Any, report: Any, before: Any = None) -> int:
+        ranked.append((analysis, before))
+        return len(ranked)
+
+    monkeypatch.setattr(discovery, "rank", rank)
+    monkeypatch.setattr(discovery, "with_curves", with_curves)
+
+    def stand_alone(analysis: Any, fit: Any) -> Array:
+        assert fit is answer.fit
+        count = alone[len(ranked) - 1]
+        found = np.zeros(12, dtype=bool)
+        found[3 * (len(ranked) - 1) : 3 * (len(ranked) - 1) + count] = True
+        return found
+
+    monkeypatch.setattr(discovery, "stand_alone", stand_alone)
+    case: Any = Case(rows, ~rows)
+    found: Any = discovery.weighed(case, 1, 0.05)
+    most = discovery.LOOKS if looks is None else looks
+    assert len(ranked) == most + 1 + together
+    assert found.whole[0] is ranked[0][0]
+    assert ranked[0][1] is None
+    assert all(before.number == place for place, (_, before) in enumerate(ranked) if place)
+    if looks == 2:
+        assert np.flatnonzero(found.analysis.odd).tolist() == [0, 1, 3]
+    assert found.analysis.together == together
+    assert found.analysis.told == ("noise" if together else "told")
+
+
+def test_two_ways_to_write_one_curve_are_one_answer(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Beside the same effects, in the same columns; with the weight of both."""
+    curves = {"one": 0.0, "same": 0.0, "other": 5.0}
+    columns = {"e1": "u", "e2": "u", "e3": "v", "e4": "u"}
+    monkeypatch.setattr(ranking_, "_predicted", lambda ranker, fit: np.full(3, curves[fit.name]))
+    monkeypatch.setattr(
+        ranking_, "_columns", lambda ranker, one: frozenset(columns[n] for n in one.effects if n in columns)
+    )
+    own: Any = SimpleNamespace(sketches=columns)
+
+    def answer(effects: str, weight: float, curve: str, kind: str = "expression") -> Hypothesis:
+        fit: Any = SimpleNamespace(name=curve)
+        return Hypothesis(tuple(effects.split()), kind, weight, fit)
+
+    def merged(*given: Hypothesis) -> list[tuple[str, float]]:
+        return [(" ".join(h.effects), h.log_weight) for h in ranking_._merged(own, given)]
+
+    both = np.logaddexp(2.0, 1.0)
+    assert merged(answer("e2", 1.0, "same"), answer("e1", 2.0, "one")) == [("e1", pytest.approx(both))]
+    assert merged(answer("e2", 2.5, "other"), answer("e1", 2.0, "one"), answer("e4", 1.9, "same")) == [
+        ("e1", pytest.approx(np.logaddexp(2.0, 1.9))), ("e2", 2.5)
+    ]  # fmt: skip
+    assert len(merged(answer("e1", 2.0, "one"), answer("e3", 1.0, "same"))) == 2  # two columns that go together
+    assert len(merged(answer("e1", 2.0, "one"), answer("e2", 1.0, "other"))) == 2
+    assert len(merged(answer("a e1", 2.0, "one", "mixed"), answer("b e2", 1.0, "same", "mixed"))) == 2
+    assert merged(answer("a e1", 2.0, "one", "mixed"), answer("a e2", 1.0, "same", "mixed")) == [
+        ("a e1", pytest.approx(both))
+    ]  # fmt: skip
+    assert len(merged(answer("a", 2.0, "one", "catalogue"), answer("b", 1.0, "same", "catalogue"))) == 2
+
+
+def test_a_curve_of_a_column_is_told_with_its_size_and_sd() -> None:
+    """In the unit of its channel, without its mean: of a wave that is known, near it, by no more than its sds say."""
+    random = np.random.default_rng(8)
+    u = random.permutation(np.linspace(0.0, 4.0, 240))
+    wave = 3.0 * np.cos(2.0 * np.pi * u / 4.0)
+    noise = random.standard_normal((2, 240))
+    residual = np.stack([noise[0], noise[1] + wave])
+    sigma = np.array([1.0, 0.5])
+    evidence = Evidence(Runs(np.arange(240) // 20, 2), residual, np.ones((2, 240, 1)), STATED, [0])
+    case = SimpleNamespace(roles={}, extra={"u": u}, units={"u": "m", "g": "N"})
+    analysis: Any = SimpleNamespace(
+        rows=np.ones(240, dtype=bool), case=case, model=SimpleNamespace(channels=("f", "g")),
+        noise=SimpleNamespace(sigma=sigma),
+    )  # fmt: skip
+    found = unexplained.curve(analysis, evidence, "u")
+    assert (found.column, found.unit, found.channel, found.channel_unit, found.by) == ("u", "m", "g", "N", "")
+    assert (found.x[0], found.x[-1], len(found.x)) == (0.0, 4.0, 121)
+    assert found.in_sd == pytest.approx(3.0 / np.sqrt(2.0), rel=0.1)
+    assert found.rms == pytest.approx(0.5 * found.in_sd)
+    expected = 0.5 * 3.0 * np.cos(2.0 * np.pi * np.array(found.x) / 4.0)
+    gap, sd = np.array(found.y) - expected, np.array(found.sd)
+    assert np.sqrt(np.mean((gap / sd) ** 2)) < 2.0
+    assert 0.5 * np.sqrt(7.0 / 240.0) < np.median(sd) < 0.5 * np.sqrt(14.0 / 240.0)
