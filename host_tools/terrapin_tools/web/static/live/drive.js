@@ -134,7 +134,7 @@ export class Drive {
   key(event) {
     const typing = event.target instanceof HTMLInputElement && event.target.type === 'text';
     if (this.mine && event.key === ' ') {
-      if (!typing) event.preventDefault(); // a text that is typed elsewhere keeps its spaces
+      if (!typing || this.element.getClientRects().length) event.preventDefault(); // what is typed on another tab keeps its spaces
       event.stopPropagation();
       this.stopBeating();
       void this.desk.command({ request: 'idle' });
