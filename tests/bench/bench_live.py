@@ -138,7 +138,7 @@ def live_tab(playwright: Playwright, server: Server, strips: Sequence[str] = ())
     if strips:
         tab.add_init_script(f"localStorage.setItem('terrapin-live-signals', {json.dumps(json.dumps(strips))})")
     tab.goto(f"{server.line}#live")
-    tab.wait_for_selector("button.stop")
+    tab.wait_for_selector("#live-source")
     tab.wait_for_timeout(2000)  # what the page loads is no part of this
     return tab
 
