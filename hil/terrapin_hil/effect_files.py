@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from terrapin_hil.physics.effects import Effect, Parameter, catalogue
-from terrapin_hil.physics.expression import parse, quiet
-from terrapin_hil.reading import ReadingError, shorten
+from terrapin_hil.physics.expression import parse
+from terrapin_hil.reading import ReadingError, python_tree, shorten
 from terrapin_hil.units import read_unit
 
 __all__ = ["known_effects", "read_effect_file", "read_effect_folder", "user_folder"]
@@ -87,8 +87,7 @@ def read_effect_file(file: Path) -> Effect:
         if file.stat().st_size > MAX_SIZE or not file.is_file():
             raise ReadingError(f"{file}: expected a text file of at most {MAX_SIZE} bytes")
         text = file.read_text(encoding="utf-8-sig")
-        with quiet():
-            tree = ast.parse(text)
+        tree = python_tree(text, "exec")
     except UnicodeDecodeError:
         raise ReadingError(f"{file}: not a text file in UTF-8") from None
     except OSError as error:

@@ -5,23 +5,27 @@ Numbers are SI; a string carries its unit ("80 mm", "14 deg", "5 ms"). Temperatu
 
 from __future__ import annotations
 
+import ast
 import difflib
 import math
 import os
 import re
 import shlex
 import stat
+import threading
 import tomllib
+import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from itertools import pairwise
 from pathlib import Path
-from typing import IO, Any, TypeVar
+from typing import IO, Any, Literal, TypeVar, overload
 
 from terrapin_hil.errors import UserError
 from terrapin_hil.units import factor, read_unit, units
 
 __all__ = [
+    "QUANTITY",
     "ReadingError",
     "Section",
     "key_parts",
@@ -30,6 +34,7 @@ __all__ = [
     "owner_alone",
     "parse_quantity",
     "parse_toml",
+    "python_tree",
     "quantities",
     "shorten",
 ]
@@ -58,6 +63,26 @@ def owner_alone(path: Path, file: IO[Any]) -> None:
         )
 
 
+QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*")  # a number and its unit
+_WARNINGS = threading.Lock()  # their filter is one for all threads
+
+
+@overload
+def python_tree(text: str, mode: Literal["eval"]) -> ast.Expression: ...
+
+
+@overload
+def python_tree(text: str, mode: Literal["exec"]) -> ast.Module: ...
+
+
+def python_tree(text: str, mode: str) -> ast.AST:
+    """What ast.parse makes of a text. Of somebody else's text, such as "1if", Python warns as if it were our code: not
+    here. Raises what ast.parse raises."""
+    with _WARNINGS, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return ast.parse(text, mode=mode)
+
+
 def parse_quantity(value: object, unit: str) -> float:
     """`value` in `unit` (pint's spelling): a number as it is, a string converted. ValueError says what was expected.
 
@@ -68,7 +93,7 @@ def parse_quantity(value: object, unit: str) -> float:
     """
     expected = "a number" if unit in ("", "1") else f"a number in {unit} or a string with a unit that converts to it"
     if isinstance(value, str):
-        match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", value)
+        match = QUANTITY.fullmatch(value)
         if match is None:
             raise ValueError(f"found {shorten(value)}, expected {expected}")
         try:

@@ -125,6 +125,14 @@ torque = { column = "torque", unit = "N m", sigma = 0.01 }
 """
 
 
+def of_formula(formula: str, fit: str, columns: str) -> str:
+    """case.toml of y over the columns of runs.csv by a formula; `fit` and `columns` as their tables have them."""
+    return (
+        f'[model]\nbase = "equation"\n[model.equation]\ny = "{formula}"\n[fit]\n{fit}\n'
+        f'[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\n{columns}\n'
+    )
+
+
 def shaft(folder: Path, seed: int, *, dry: float = 0.0, more: str = "") -> Path:
     """Ten runs of a shaft with viscous and dry friction, against a model with the former; `more` begins case.toml."""
     random = np.random.default_rng(seed)

@@ -14,31 +14,23 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.compare.intervals import Interval, intervals
 from terrapin_tools.workbench.noise.estimate import Noise
-from tests.python.casekit import terrapin
+from tests.python.casekit import of_formula, terrapin
 
 SIGMA = 0.02
-CASE = """[model]
-base = "equation"
-[model.equation]
-y = "{formula}"
-[fit]
-{fit}
-[data]
-files = ["runs.csv"]
-run = "run"
-[data.columns]
-t = {{ column = "t", unit = "s" }}
-y = {{ column = "y", unit = "V", sigma = {sigma} }}
-"""
 LINE = 'a = { value = 1.0, unit = "V" }\nb = { value = 0.1, unit = "V/s" }'
 DECAY = 'a = { value = 1.0, min = 0, max = 10, unit = "V" }\nk = { value = 1.0, min = 0, max = 1e9, unit = "1/s" }'
+
+
+def _text(formula: str, fit: str, sigma: float) -> str:
+    columns = f't = {{ column = "t", unit = "s" }}\ny = {{ column = "y", unit = "V", sigma = {sigma} }}'
+    return of_formula(formula, fit, columns)
 
 
 def written(folder: Path, formula: str, fit: str, t: Array, y: Array, sigma: float = SIGMA) -> Path:
     folder.mkdir()
     rows = [f"r{i % 4},{one:.9g},{other:.12g}" for i, (one, other) in enumerate(zip(t, y, strict=True))]
     (folder / "runs.csv").write_text("\n".join(["run,t,y", *rows]) + "\n", encoding="utf-8")
-    (folder / "case.toml").write_text(CASE.format(formula=formula, fit=fit, sigma=sigma), encoding="utf-8")
+    (folder / "case.toml").write_text(_text(formula, fit, sigma), encoding="utf-8")
     return folder
 
 
@@ -105,9 +97,7 @@ def test_what_does_not_close_says_so(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert status == 0
     (line,) = [line for line in out.splitlines() if line.startswith("  k ") and " to open 1/s" in line]
     assert "the upper side does not close" in line
-    (folder / "case.toml").write_text(
-        CASE.format(formula="a*(1 - exp(-k*t))", fit=DECAY.replace("1e9", "60"), sigma=SIGMA)
-    )
+    (folder / "case.toml").write_text(_text("a*(1 - exp(-k*t))", DECAY.replace("1e9", "60"), SIGMA))
     bounded = asked(folder)[0]["k"]
     assert (bounded.high, bounded.ends[1]) == (60.0, "bound")
 

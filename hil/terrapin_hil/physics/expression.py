@@ -16,10 +16,7 @@ from __future__ import annotations
 import ast
 import math
 import re
-import threading
-import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Any, TypeAlias
@@ -27,16 +24,16 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from terrapin_hil.arrays import Array
+from terrapin_hil.reading import python_tree
 from terrapin_hil.units import read_unit, units
 
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["FUNCTIONS", "Expression", "parse", "quiet", "units"]
+__all__ = ["FUNCTIONS", "Expression", "parse", "units"]
 
 
 MAX_LENGTH = 1000  # characters; keeps the parser's and our own recursion bounded
-_QUIET = threading.Lock()  # the filter of warnings is one for all threads
 MAX_DEPTH = 150  # of operations inside each other (a sum of n terms has n): everything below follows the tree
 
 
@@ -91,14 +88,6 @@ _NUMPY: dict[str, Any] = {
 }
 
 
-@contextmanager
-def quiet() -> Iterator[None]:
-    """Python's parser warns of a text of somebody else's, such as "1if", as if it were our code; not in here."""
-    with _QUIET, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        yield
-
-
 @lru_cache(maxsize=1024)
 def parse(text: str) -> Expression:
     """Read a formula. ValueError with the column (from 1) and the reason when it is not one.
@@ -118,8 +107,7 @@ def parse(text: str) -> Expression:
         raise ValueError("column 1: empty formula")
     offset = len(text) - len(text.lstrip())
     try:
-        with quiet():
-            tree = ast.parse(stripped, mode="eval")
+        tree = python_tree(stripped, "eval")
     except SyntaxError as error:
         if equals := re.search(r"(?<![<>=!:])=(?!=)", stripped):
             reason = "not a formula: what it is equal to is chosen beside it, expected what stands right of ="

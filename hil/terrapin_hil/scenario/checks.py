@@ -19,7 +19,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.errors import UserError
-from terrapin_hil.physics.expression import quiet
+from terrapin_hil.reading import python_tree
 
 __all__ = ["Check", "CheckError", "Outcome", "parse_check", "parse_number"]
 
@@ -306,8 +306,7 @@ def _parsed(text: str) -> ast.expr:
     if len(text) > 500:
         raise CheckError("longer than 500 characters")
     try:
-        with quiet():
-            tree = ast.parse(text.strip(), mode="eval").body
+        tree = python_tree(text.strip(), "eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         reason = error.msg if isinstance(error, SyntaxError) else "no expression"
         raise CheckError(f"cannot be read: {reason}") from None

@@ -11,12 +11,12 @@ from dataclasses import fields
 from typing import Any
 
 from terrapin_hil.arrays import Array
+from terrapin_hil.reading import QUANTITY
 from terrapin_hil.robot.plant import TERRAINS, Robot
 from terrapin_hil.scenario.scenario import Scenario
 
 __all__ = ["changes_of", "course", "described", "judged", "leaves", "varied_fields"]
 
-_QUANTITY = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 _NOT_VARIED = re.compile(r"checks|title|seed|ground|real_time|provokes\b|fault\.|.*\.at$|.*\.request$|.*\.file$")
 SPREAD = 0.1  # of a field's value to either side, in the range that is offered
 LEVEL = "0 deg:2 deg"  # offered where a slope is 0
@@ -101,7 +101,7 @@ def _around(name: str, value: Any, terrains: Sequence[str], highest: float) -> s
         return "true,false"
     if value in terrains:
         return f"{value},{next(one for one in terrains if one != value)}"
-    match = _QUANTITY.fullmatch(str(value)) if isinstance(value, int | float | str) else None
+    match = QUANTITY.fullmatch(str(value)) if isinstance(value, int | float | str) else None
     if match is None:
         return ""
     number, unit = float(match[1]), match[2]
@@ -117,7 +117,7 @@ def _shown(value: Any) -> str:
     >>> _shown("10.550594670698047 deg"), _shown(True), _shown(0.1)
     ('10.55 deg', 'true', '0.1')
     """
-    match = _QUANTITY.fullmatch(str(value)) if not isinstance(value, bool) else None
+    match = QUANTITY.fullmatch(str(value)) if not isinstance(value, bool) else None
     if match is None:
         return str(value).lower() if isinstance(value, bool) else str(value)
     return f"{float(match[1]):.4g} {match[2]}".strip()

@@ -1,7 +1,8 @@
 // The Simulate tab: a scenario with changes, run as a job; the robot rolling; the run kept as a case.
-import { h, lineOf } from './app.js';
+import { h } from './app.js';
 import { Batches } from './simulate/batches.js';
 import { Player } from './simulate/player.js';
+import { Refusals } from './simulate/refusals.js';
 import { RunList } from './simulate/run_list.js';
 import { ScenarioForm } from './simulate/scenario_form.js';
 import { style } from './strip.js';
@@ -19,51 +20,26 @@ class Simulate {
     /** @type {string | null} */
     this.job = null; // that is watched
     this.shown = this.opening = false;
+    this.refusals = new Refusals();
     this.form = new ScenarioForm((command) => { this.batches.offer(this.form.scenario); if (this.shown && !this.opening) app.showCommand(command); });
     this.player = new Player();
-    this.runs = new RunList({ app, attempt: (action) => this.attempt(action), look: (action) => this.look(action), open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
+    this.runs = new RunList({ app, refusals: this.refusals, open: (run) => this.open(run), watch: (job) => this.watch(job, null) });
     this.batches = new Batches({ app, body: () => this.form.body(), watch: (job, run) => this.watch(job, run) });
     this.start = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.go() });
     this.line = h('span', { class: 'line' });
     this.progress = h('progress', { max: '100', value: 0, 'aria-label': 'Progress' });
     this.bar = h('div', { class: 'job', hidden: true }, this.progress, this.line,
-      h('button', { type: 'button', text: 'Cancel', onclick: () => { const { job } = this; if (job) this.attempt(() => app.cancel(job)); } }));
-    this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
+      h('button', { type: 'button', text: 'Cancel', onclick: () => { const { job } = this; if (job) this.refusals.attempt(() => app.cancel(job)); } }));
     this.other = h('select', { 'aria-label': 'Another run over this one', onchange: () => this.overlay() });
     element.append(h('h1', { class: 'visually-hidden', text: 'Simulate' }), h('div', { class: 'sim-grid' }, this.form.panel(this.start),
-      h('div', { class: 'plots' }, this.notice, this.bar, ...this.player.panels(this.other),
+      h('div', { class: 'plots' }, this.refusals.element, this.bar, ...this.player.panels(this.other),
         h('div', { class: 'below' }, h('section', { class: 'panel' }, this.player.checksTitle, this.player.checks), this.runs.element), this.batches.element)));
     app.onEvent((event) => this.event(event));
   }
 
-  /**
-   * The result of an action; null, and a line on the page, when it is refused.
-   * @template T
-   * @param {() => Promise<T>} action
-   */
-  async attempt(action) {
-    this.notice.hidden = true;
-    return this.look(action);
-  }
-
-  /**
-   * As `attempt`, of what nobody asked for: what the line says of an action before it stays.
-   * @template T
-   * @param {() => Promise<T>} action
-   */
-  async look(action) {
-    try { return await action(); } catch (error) { this.complain(lineOf(error)); return null; }
-  }
-
-  /** @param {string} text */
-  complain(text) {
-    this.notice.hidden = false;
-    this.notice.textContent = text;
-  }
-
   async load() {
     /** @type {Scenarios | null} */
-    const description = await this.look(() => this.app.api('scenarios'));
+    const description = await this.refusals.look(() => this.app.api('scenarios'));
     if (description) this.form.take(description);
     if (this.player.run?.settings) this.form.choose(this.player.run.settings.name, this.player.run); // it was there first
   }
@@ -73,7 +49,7 @@ class Simulate {
   async go() {
     this.start.disabled = true;
     /** @type {(Started & { run: string }) | null} */
-    const started = await this.attempt(() => this.app.api('simulate', { body: this.form.body() }));
+    const started = await this.refusals.attempt(() => this.app.api('simulate', { body: this.form.body() }));
     this.start.disabled = false;
     if (started) { this.app.showCommand(started.command); await this.watch(started.id, started.run, true); }
   }
@@ -86,7 +62,7 @@ class Simulate {
     start.disabled = true;
     progress.removeAttribute('value');
     line.textContent = 'waiting';
-    const ended = await this.attempt(() => app.follow(id, (now) => {
+    const ended = await this.refusals.attempt(() => app.follow(id, (now) => {
       const last = now.progress[now.progress.length - 1] || now.state;
       line.textContent = last;
       const share = /(\d+) %/.exec(last);
@@ -98,7 +74,7 @@ class Simulate {
     await this.runs.list();
     this.offer();
     if (!ended) return null;
-    if (ended.state === 'failed') { this.complain(ended.error || 'failed'); return null; }
+    if (ended.state === 'failed') { this.refusals.say(ended.error || 'failed'); return null; }
     if (ended.state === 'cancelled') app.announce('cancelled');
     if (ended.state === 'done') app.announce('the run is done');
     if (wanted) await this.open(wanted, ended.state === 'done', own);
@@ -108,7 +84,7 @@ class Simulate {
   /** Show a run, with what it was done with in the form, unless it is the form's own: that may have been changed since. @param {string} wanted */
   async open(wanted, roll = true, own = false) {
     /** @type {Run | null} */
-    const run = await this.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`));
+    const run = await this.refusals.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`));
     if (!run) return;
     this.player.other = null;
     this.player.open(run, roll);
@@ -130,14 +106,14 @@ class Simulate {
   async overlay() {
     const wanted = this.other.value;
     /** @type {Run | null} */
-    const run = wanted ? await this.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`)) : null;
+    const run = wanted ? await this.refusals.attempt(() => this.app.api(`simulate/${encodeURIComponent(wanted)}/signals`)) : null;
     this.player.overlay(run);
   }
 
   /** What another browser runs, or this one before a reload. */
   async running() {
     /** @type {Job[] | null} */
-    const jobs = await this.look(() => this.app.api('jobs'));
+    const jobs = await this.refusals.look(() => this.app.api('jobs'));
     if (jobs) this.batches.running(jobs);
     const mine = jobs?.find((one) => one.do === 'simulate' && (one.state === 'running' || one.state === 'queued'));
     if (mine && !this.job) this.watch(mine.id, /runs\/([^/ ]+)/.exec(mine.command.split('--out ')[1] || '')?.[1] || null);

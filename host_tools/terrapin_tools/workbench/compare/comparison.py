@@ -449,17 +449,16 @@ def noise_around(case: Case, fit: Fit, known: Noise, again: bool = False) -> Noi
         return _noise_of(case, fit, known.sigma, given, least)[0]
 
     found = followed(estimated(given) if again else known, given, estimated)
-    return replace(found, carried=_carried(case, fit)) if found.wrong.any() else found
+    return replace(found, carried=_one_run(case, fit)) if found.wrong.any() else found
 
 
-def _carried(case: Case, fit: Fit) -> tuple[str, ...]:
-    """Of each channel the run that makes up more than half of all that a fit leaves in squares; "": there is none."""
+def _one_run(case: Case, fit: Fit) -> Index:
+    """(channels,): the run that makes up more than half of all that a fit leaves in squares; -1: none does."""
     rows = case.train | case.test
     runs, place = np.unique(case.run[rows], return_inverse=True)
     left = np.array([np.bincount(place, one) for one in (measured(fit.model, rows) - predict(fit, rows)) ** 2])
-    names = [case.run_names[runs[i]] for i in left.argmax(axis=1)]
-    most = left.max(axis=1) > 0.5 * left.sum(axis=1)
-    return tuple(name if alone and len(runs) > 2 else "" for name, alone in zip(names, most, strict=True))
+    alone = (left.max(axis=1) > 0.5 * left.sum(axis=1)) & (len(runs) > 2)
+    return np.asarray(np.where(alone, runs[left.argmax(axis=1)], -1))
 
 
 def require_numbers(case: Case, model: Model, prediction: Array, theta: Array, rows: Mask, when: str) -> None:

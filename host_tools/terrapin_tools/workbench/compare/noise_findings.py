@@ -51,7 +51,7 @@ def noise_findings(analysis: Analysis, noise: Noise | None = None) -> list[Noise
         nodes = [node.of(place) for node in NODES[: len(noise.weights)]]
         if noise.wrong.any() and noise.wrong[place]:
             ratio = float(noise.ratio[place])
-            one = tuple(name for name in noise.carried[place : place + 1] if name and ratio > 1.0)
+            one = tuple(case.run_names[i] for i in noise.carried[place : place + 1] if i >= 0 and ratio > 1.0)
             kind = "larger" if ratio > 1.0 else "smaller"
             found.append(NoiseFinding(kind, channel, ratio, float(noise.wrong[place]), runs=one))
         for kind, size in (

@@ -61,7 +61,8 @@ class Noise:
     weights: Array = field(default_factory=lambda: np.ones(1))  # (nodes,): posterior of each kind of noise
     # (channels,): probability that the stated sd is off, where it was found again for that (stated.py)
     wrong: Array = field(default_factory=lambda: np.zeros(0))
-    carried: tuple[str, ...] = ()  # of each channel that is so, the run that makes up more than half of it; "": none
+    # (channels,): where that is so, the run (its number) that makes up more than half of what is left; -1: none does
+    carried: Index = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
     @property
     def kinds(self) -> list[int]:

@@ -1,5 +1,6 @@
 // Batches: the scenario of the form with many seeds and values; how far each is, where it fails, and each run that failed.
-import { h, lineOf, number } from '../app.js';
+import { h, number } from '../app.js';
+import { Refusals } from './refusals.js';
 
 /** @typedef {{ app: App, body(): Record<string, any>, watch(job: string, run: string): Promise<Job | null> }} Desk */
 
@@ -34,33 +35,14 @@ export class Batches {
     this.judged = h('p', { class: 'soft small' });
     this.offered = ''; // scenario whose fields are listed
     this.start = h('button', { type: 'button', text: 'Run as a batch', onclick: () => this.go() });
-    this.end = h('button', { type: 'button', text: 'Cancel', hidden: true, onclick: () => { const { job } = this; if (job) void this.attempt(() => desk.app.cancel(job)); } });
-    this.notice = h('p', { class: 'notice bad', role: 'alert', hidden: true });
+    this.end = h('button', { type: 'button', text: 'Cancel', hidden: true, onclick: () => { const { job } = this; if (job) void this.refusals.attempt(() => desk.app.cancel(job)); } });
+    this.refusals = new Refusals();
     this.rows = h('div', { class: 'runs', tabindex: '0', role: 'region', 'aria-label': 'Batches' });
     this.picture = h('div', { class: 'batch-picture' });
     this.element = h('section', { class: 'panel sim-batches' }, h('div', { class: 'panel-head' }, h('h2', { text: 'Batches' })),
       h('label', { for: 'batch-seeds', text: 'Seeds' }), this.seeds,
       h('div', { class: 'row' }, h('label', { for: 'batch-vary', text: 'Varied, one field a line' }), this.field), this.vary, this.judged,
-      h('div', { class: 'row' }, this.start, this.end), this.notice, this.rows, this.picture);
-  }
-
-  /**
-   * The result of what somebody asked for; null, and a line here, when it is refused.
-   * @template T
-   * @param {() => Promise<T>} action @returns {Promise<T | null>}
-   */
-  async attempt(action) {
-    this.notice.hidden = true;
-    return this.look(action);
-  }
-
-  /**
-   * As `attempt`, of what nobody asked for: the line stays.
-   * @template T
-   * @param {() => Promise<T>} action @returns {Promise<T | null>}
-   */
-  async look(action) {
-    try { return await action(); } catch (error) { this.notice.hidden = false; this.notice.textContent = lineOf(error); return null; }
+      h('div', { class: 'row' }, this.start, this.end), this.refusals.element, this.rows, this.picture);
   }
 
   /** What can be varied of the scenario in the form, and what makes its runs fail. @param {Scenario | undefined} scenario */
@@ -87,7 +69,7 @@ export class Batches {
     const vary = this.vary.value.split('\n').map((line) => line.trim()).filter((line) => line);
     this.start.disabled = true;
     /** @type {(Started & { batch: string }) | null} */
-    const started = await this.attempt(() => app.api('batches', { body: { ...changes, seeds: this.seeds.value.trim(), vary } }));
+    const started = await this.refusals.attempt(() => app.api('batches', { body: { ...changes, seeds: this.seeds.value.trim(), vary } }));
     this.start.disabled = false;
     if (!started) return;
     app.showCommand(started.command);
@@ -102,7 +84,7 @@ export class Batches {
     this.start.disabled = true;
     this.end.hidden = false;
     this.fill(true);
-    await this.attempt(async () => {
+    await this.refusals.attempt(async () => {
       const ended = await app.follow(id);
       if (ended.state === 'failed') throw new app.Refused(0, ended.error || 'failed');
     });
@@ -130,7 +112,7 @@ export class Batches {
   async list() {
     const { app } = this.desk;
     /** @type {BatchLine[] | null} */
-    const found = await this.look(() => app.api('batches'));
+    const found = await this.refusals.look(() => app.api('batches'));
     if (!found) return;
     this.rows.replaceChildren(found.length ? h('table', {}, h('thead', {}, h('tr', {}, ...['Batch', 'Runs', 'Failed', 'Report', 'Remove'].map((text) => h('th', { scope: 'col', text })))),
       h('tbody', {}, ...found.map((one) => this.row(one)))) : h('p', { class: 'soft', text: 'No batches yet.' }));
@@ -143,7 +125,7 @@ export class Batches {
   row(one) {
     const { app } = this.desk;
     const open = () => { this.chosen = one.name; this.list(); };
-    const remove = () => this.attempt(() => app.api(`batches/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
+    const remove = () => this.refusals.attempt(() => app.api(`batches/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
     return h('tr', {},
       h('td', {}, h('button', { type: 'button', class: 'quiet', text: one.name, onclick: open })),
       h('td', {}, h('progress', { max: String(one.runs), value: one.done, 'aria-label': `${one.name}: runs done` }), ` ${one.done} of ${one.runs}`),
@@ -156,7 +138,7 @@ export class Batches {
   async draw(wanted) {
     const { app } = this.desk;
     /** @type {BatchState | null} */
-    const state = await this.look(() => app.api(`batches/${encodeURIComponent(wanted)}`));
+    const state = await this.refusals.look(() => app.api(`batches/${encodeURIComponent(wanted)}`));
     if (!state || !state.points.length) return;
     const names = [...state.inputs.slice(1), ...state.results];
     const rows = state.points.map((point, i) => [...point.slice(1), ...state.outcomes[i].slice(2)]);
@@ -212,7 +194,7 @@ export class Batches {
   async again(batch, run) {
     const { app } = this.desk;
     /** @type {(Started & { run: string }) | null} */
-    const started = await this.attempt(() => app.api(`batches/${encodeURIComponent(batch)}/runs/${run}`, { method: 'POST' }));
+    const started = await this.refusals.attempt(() => app.api(`batches/${encodeURIComponent(batch)}/runs/${run}`, { method: 'POST' }));
     if (!started) return;
     app.showCommand(started.command);
     await this.desk.watch(started.id, started.run);

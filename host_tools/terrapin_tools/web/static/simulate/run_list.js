@@ -1,7 +1,7 @@
 // The list of runs, of which some are ticked, and the case that is made of them.
 import { h } from '../app.js';
 
-/** What the list asks of its tab. @typedef {{ app: App, attempt<T>(action: () => Promise<T>): Promise<T | null>, look<T>(action: () => Promise<T>): Promise<T | null>, open(run: string): void, watch(job: string): Promise<Job | null> }} Desk */
+/** What the list asks of its tab. @typedef {{ app: App, refusals: import('./refusals.js').Refusals, open(run: string): void, watch(job: string): Promise<Job | null> }} Desk */
 
 export class RunList {
   /** @param {Desk} desk */
@@ -35,9 +35,9 @@ export class RunList {
   }
 
   async list() {
-    const { app, look } = this.desk;
+    const { app, refusals } = this.desk;
     /** @type {RunLine[] | null} */
-    const found = await look(() => app.api('simulate'));
+    const found = await refusals.look(() => app.api('simulate'));
     if (!found) return;
     this.names = found.map((one) => one.name);
     const ticked = new Set(this.rows().filter((one) => one.box.checked).map((one) => one.name));
@@ -49,8 +49,8 @@ export class RunList {
 
   /** @param {RunLine} one @param {boolean} checked */
   row(one, checked) {
-    const { app, attempt, open } = this.desk;
-    const remove = () => attempt(() => app.api(`simulate/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
+    const { app, refusals, open } = this.desk;
+    const remove = () => refusals.attempt(() => app.api(`simulate/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
     return h('tr', { 'data-run': one.name },
       h('td', {}, h('input', { type: 'checkbox', 'aria-label': `${one.name} in the case`, checked, disabled: !one.complete })),
       h('td', {}, h('button', { type: 'button', class: 'quiet', text: one.name, onclick: () => open(one.name) })),
@@ -70,13 +70,13 @@ export class RunList {
   }
 
   async keepCase() {
-    const { app, attempt, watch } = this.desk, { run } = this;
+    const { app, refusals, watch } = this.desk, { run } = this;
     if (!run) return;
     const others = this.rows().filter((one) => one.box.checked && one.name !== run.name).map((one) => one.name);
     const wanted = this.name.value.trim();
     this.keep.disabled = true;
     /** @type {Started | null} */
-    const started = await attempt(() => app.api(`simulate/${encodeURIComponent(run.name)}/case`, { body: { name: wanted, title: run.run.title || '', others } }));
+    const started = await refusals.attempt(() => app.api(`simulate/${encodeURIComponent(run.name)}/case`, { body: { name: wanted, title: run.run.title || '', others } }));
     if (started) {
       app.showCommand(started.command);
       const ended = await watch(started.id);
