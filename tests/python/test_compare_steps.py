@@ -342,9 +342,7 @@ def test_rows_of_a_long_recording_are_taken_evenly_in_each_run() -> None:
 def test_the_run_that_makes_up_most_of_what_a_fit_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
     """More than half of all squares, of three runs at least."""
     run = np.repeat([4, 1, 7], 4)
-    case: Any = SimpleNamespace(
-        train=run != 9, test=np.zeros(12, dtype=bool), run=run, run_names={1: "one", 4: "four", 7: "seven"}
-    )
+    case: Any = SimpleNamespace(train=run != 9, test=np.zeros(12, dtype=bool), run=run)
     left = np.ones((3, 12))
     left[0, run == 7] = 1.5  # 9 of 17
     left[1, run == 7] = 1.4  # 7.84 of 15.84
@@ -352,9 +350,9 @@ def test_the_run_that_makes_up_most_of_what_a_fit_leaves(monkeypatch: pytest.Mon
     fit: Any = SimpleNamespace(model=None)
     monkeypatch.setattr(comparison, "measured", lambda model, rows: left[:, rows] + 5.0)
     monkeypatch.setattr(comparison, "predict", lambda fit, rows: np.full((3, rows.sum()), 5.0))
-    assert comparison._carried(case, fit) == ("seven", "", "one")
+    assert comparison._one_run(case, fit).tolist() == [7, -1, 1]
     case.train = run != 4
-    assert comparison._carried(case, fit) == ("", "", "")
+    assert comparison._one_run(case, fit).tolist() == [-1, -1, -1]
 
 
 def test_an_error_is_the_rms_in_noise_sds(monkeypatch: pytest.MonkeyPatch) -> None:
