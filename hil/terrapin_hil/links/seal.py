@@ -81,7 +81,7 @@ class LinkKey:
             raise
         except (ValueError, KeyError, TypeError, RecursionError):
             raise ReadingError(f"{path}: no link key; `terrapin keys link {path}` makes one") from None
-        if len(found.key) != 16 or not isinstance(found.generation, int) or not 0 < found.generation <= _MASK:
+        if len(found.key) != 16 or type(found.generation) is not int or not 0 < found.generation <= _MASK:
             raise ReadingError(f"{path}: expected a key of 16 bytes and its generation from 1")
         return found
 
