@@ -14,6 +14,7 @@ from scipy.stats import f as f_distribution
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Parameter
+from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.compare.adequacy import ROUNDING
 from terrapin_tools.workbench.discover import certainty, discovery, leftover, misfit, planted, ranker, unexplained
@@ -25,9 +26,10 @@ from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.model.effect_columns import Shape
+from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import NODES, Node
-from terrapin_tools.workbench.noise.marginal_likelihood import STATED, Evidence
+from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, STATED, Evidence
 
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
 EVERY = np.ones(4, dtype=bool)
@@ -883,3 +885,257 @@ def test_columns_that_an_answers_formulas_read() -> None:
     )  # fmt: skip
     assert ranking_._columns(of, _answer("a e f")) == {"oil", "load", "room"}
     assert ranking_._columns(of, _answer("a")) == frozenset()
+
+
+# ---- around an answer
+
+
+def _around(monkeypatch: pytest.MonkeyPatch, groups: int = 0) -> tuple[Any, Any]:
+    """An analysis of two channels on rows 1 to 6, whose fit leaves 2 and 3 of their units."""
+    noise = SimpleNamespace(sigma=np.array([0.5, 2.0]), known=np.array([True, False]), behind=4.0, kinds=[0])
+    case = SimpleNamespace(run=np.array([9, 0, 0, 0, 1, 1, 1]), rows=7)
+    analysis: Any = SimpleNamespace(noise=noise, case=case, rows=np.arange(7) > 0, felt=None,
+        nuisance=np.full((2, 6, 2), 9.0), odd=np.zeros(7, dtype=bool))  # fmt: skip
+    residual = np.stack([np.full(6, 2.0), np.full(6, 3.0)])
+    slopes = np.full((2, 6, 1), 8.0)
+    asked: list[bool] = []
+
+    def free_slopes(fit: Any, sigma: Array, rows: Array, released: bool = False) -> Any:
+        asked.append(released)
+        return np.full((2, 6), 5.0), residual, slopes
+
+    monkeypatch.setattr(leftover, "free_slopes", free_slopes)
+    return analysis, asked
+
+
+def test_what_is_missing_beside_an_answer_is_judged_in_noise_sd(monkeypatch: pytest.MonkeyPatch) -> None:
+    analysis, asked = _around(monkeypatch)
+    made: list[Any] = []
+
+    def evidence(runs: Any, residual: Array, base: Array, behind: float, nodes: Any) -> str:
+        made.append((runs, residual, base, behind, nodes))
+        return "evidence"
+
+    monkeypatch.setattr(leftover, "Evidence", evidence)
+    fit: Any = None
+    found: Any = leftover.around(analysis, fit, [3])
+    assert found == "evidence"
+    [(runs, residual, base, behind, nodes)] = made
+    assert (behind, nodes, asked, runs.runs) == (4.0, [3], [True], 2)
+    np.testing.assert_allclose(residual, [[4.0] * 6, [1.5] * 6])
+    np.testing.assert_allclose(base[:, 0], [[16.0, 9.0, 9.0], [4.0, 9.0, 9.0]])
+
+
+def test_the_sds_of_an_answer_are_in_the_noise_that_it_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    @dataclass(frozen=True)
+    class Noise:
+        sigma: Array
+        known: Array
+        node: Any = None
+
+    rest: float | None = None
+    monkeypatch.setattr(leftover, "noise_left", lambda *_: (SimpleNamespace(rest=rest), 3.0))
+    monkeypatch.setattr(leftover, "sds", lambda fit, case, sigma, noise: (sigma, noise))
+    noise = Noise(np.array([0.5, 2.0]), np.array([True, False]))
+    analysis: Any = SimpleNamespace(noise=noise, case=None)
+    fit: Any = None
+    for one, known in ((None, [True, True]), (0.5, [True, False])):
+        rest = one
+        found: Any = leftover.sd_of(analysis, fit)
+        assert found[0] is noise.sigma
+        np.testing.assert_allclose(found[1].sigma, [1.5, 6.0])
+        assert found[1].known.tolist() == known
+
+
+def test_few_rows_that_stand_alone_and_do_not_gather_are_accidents(monkeypatch: pytest.MonkeyPatch) -> None:
+    analysis, _ = _around(monkeypatch)
+    given: list[Any] = []
+    most, together = [2], [False]
+
+    def alone(runs: Any, residual: Any, bases: Any, stated: Any) -> Array:
+        given.append((len(runs), [one.tolist() for one in residual], [one.shape for one in bases], stated))
+        return np.array([0, 4])
+
+    patches: dict[str, Any] = {
+        "standing_alone": alone, "odd_limit": lambda rows: most[0], "numeric_columns": lambda c: {},
+        "farthest": lambda residual, rows: None, "gathered": lambda *_: together[0],
+    }  # fmt: skip
+    for name, does in patches.items():
+        monkeypatch.setattr(leftover, name, does)
+    fit: Any = None
+    assert np.flatnonzero(leftover.stand_alone(analysis, fit)).tolist() == [1, 5]  # of all rows
+    [(runs, residual, bases, stated)] = given
+    assert (runs, stated) == (2, [0.5, None])
+    assert residual == [[2.0] * 6, [3.0] * 6]
+    assert [shape[0] for shape in bases] == [6, 6]
+    together[0] = True
+    assert not leftover.stand_alone(analysis, fit).any()
+    together[0] = False
+    analysis.odd[6] = True  # with those that were left out before there are three
+    assert not leftover.stand_alone(analysis, fit).any()
+    most[0] = 3
+    assert leftover.stand_alone(analysis, fit).sum() == 2
+
+
+def test_a_curve_has_the_size_that_its_evidence_says() -> None:
+    """Of its prior sizes the one in whose covariance the residual is likeliest; its mean and sd are those of Bayes."""
+    random = np.random.default_rng(2)
+    u = random.permutation(np.linspace(0.0, 2.0, 60))
+    for size in (0.3, 30.0):
+        residual = random.standard_normal((1, 60)) + size * np.cos(np.pi * u)
+        evidence = Evidence(Runs(np.zeros(60, dtype=int)), residual, np.zeros((1, 60, 0)), STATED, [0])
+        case = SimpleNamespace(roles={}, extra={"u": u}, units={})
+        analysis: Any = SimpleNamespace(rows=np.ones(60, dtype=bool), case=case, model=SimpleNamespace(channels=("f",)),
+            noise=SimpleNamespace(sigma=np.array([2.0])))  # fmt: skip
+        found = unexplained.curve(analysis, evidence, "u")
+        waves = unexplained._Waves("u", "", u, np.ones(60))
+        block, best = waves.block(0, 1), (-np.inf, 0.0)
+        for prior in SIZES:
+            covariance = np.eye(60) + prior**2 * block @ block.T
+            log = -residual[0] @ np.linalg.solve(covariance, residual[0]) - np.linalg.slogdet(covariance)[1]
+            best = max(best, (float(log), float(prior)))
+        spread = np.linalg.inv(np.eye(9) / best[1] ** 2 + block.T @ block)
+        mean = spread @ block.T @ residual[0]
+        there = waves.at(np.array(found.x)) - waves.at(u).mean(axis=0)
+        left = residual[0] - block @ mean
+        row = left @ left / (60.0 - 9.0)
+        np.testing.assert_allclose(found.y, 2.0 * there @ mean, atol=1e-9)
+        np.testing.assert_allclose(found.sd, 2.0 * np.sqrt(row * np.einsum("ij,jk,ik->i", there, spread, there)))
+        assert found.in_sd == pytest.approx(np.linalg.norm(block @ mean) / np.sqrt(60.0))
+        assert found.rms == pytest.approx(2.0 * found.in_sd)
+
+
+def _depends(text: str, monkeypatch: pytest.MonkeyPatch, base: bool = True, size: float = 2.0,
+    columns: dict[str, Array] | None = None) -> dict[str, float]:  # fmt: skip
+    """Of an effect k times a formula in u and v, beside a constant of the model."""
+    random = np.random.default_rng(7)
+    values = columns or {"u": random.uniform(1.0, 9.0, 400), "v": random.choice([-1.0, 1.0], 400)}
+    formula = parse(text)
+
+    class Bound:
+        def __init__(self, inputs: dict[str, Array]) -> None:
+            self.inputs = inputs
+
+        def predict(self, theta: Array) -> Array:
+            return np.asarray((theta[0] + theta[1] * formula.evaluate(self.inputs) * np.ones(400))[None, :])
+
+        def jacobian(self, theta: Array) -> tuple[Array, Array]:
+            return self.predict(theta), np.ones((1, 400, 1 if base else 0))
+
+    effect: Any = SimpleNamespace(name="found", parameters=(SimpleNamespace(name="k"),))
+    model: Any = SimpleNamespace(
+        effects=[effect], expressions={"found": formula}, bind=lambda inputs, rows: Bound(inputs),
+        fitted=[SimpleNamespace(key="a"), SimpleNamespace(key="found.k")],
+    )  # fmt: skip
+    fit: Any = SimpleNamespace(model=model, theta=np.array([3.0, size]))
+    case = SimpleNamespace(inputs=values, roles={})
+    monkeypatch.setattr(misfit, "numeric_columns", lambda case: values)
+    analysis: Any = SimpleNamespace(case=case, rows=np.ones(400, dtype=bool), noise=SimpleNamespace(sigma=np.ones(1)),
+        fit=SimpleNamespace(model=model, theta=fit.theta))  # fmt: skip
+    return misfit._shares(analysis, Hypothesis(("found",), "expression", 0.0, fit))
+
+
+def test_an_answer_depends_on_the_columns_without_which_it_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Held at their median, or at their median size with their sign: a tenth and nine tenths."""
+    assert _depends("u", monkeypatch) == {"u": pytest.approx(1.0)}
+    sign = _depends("v", monkeypatch)
+    assert sign == {"v": pytest.approx(0.1, abs=0.02)}  # of a direction the size does not matter
+    both = _depends("u*v", monkeypatch)
+    random = np.random.default_rng(7)
+    u, v = random.uniform(1.0, 9.0, 400), random.choice([-1.0, 1.0], 400)
+
+    def visible(values: Array) -> Array:
+        return np.asarray(values - values.mean())
+
+    power = (visible(u * v) ** 2).sum()
+    held = ((visible(u * v) - visible(np.median(u) * v)) ** 2).sum() / power
+    assert both["u"] == pytest.approx(held)
+    middle = ((visible(u * v) - visible(u * np.median(v))) ** 2).sum() / power
+    assert both["v"] == pytest.approx(0.1 * min(1.0, middle), abs=1e-9)
+    assert _depends("1/(u - 5)", monkeypatch, columns={"u": np.resize([5.5, 4.6, 5.0, 5.0 + 1e-12], 400) + 1e-3,
+        "v": np.ones(400)}).keys() == {"u"}  # fmt: skip
+    assert _depends("u", monkeypatch, size=0.0) == {}
+    loud = _depends("3", monkeypatch, base=False)
+    assert loud == {"u": 0.0, "v": 0.0}
+    fault = Fault("t", "", "", "", (), (), (), "0", "u", column="u")
+    fit: Any = SimpleNamespace(model=SimpleNamespace(effects=[fault, replace(fault, column="torque")]))
+    analysis: Any = SimpleNamespace(case=None)
+    monkeypatch.setattr(misfit, "numeric_columns", lambda case: {"u": 0, "v": 0})
+    assert misfit._shares(analysis, Hypothesis(("t",), "catalogue", 0.0, fit)) == {"u": 1.0}
+
+
+def test_a_search_on_hardly_other_rows_starts_where_the_last_one_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Unless that is none any more: the parent is better."""
+    effect = SimpleNamespace(name="drag", source="catalogue", target="y", expression="c*v")
+    fitted = [SimpleNamespace(effect=None, key="a", name="a"), SimpleNamespace(effect="drag", key="drag.c", name="c")]
+    bound: Any = SimpleNamespace(model=SimpleNamespace(effects=(effect,), fitted=fitted))
+    started: list[Any] = []
+
+    def fit_model(bound: Any, train: Any, sigma: Any, starts: Any, aim: float) -> Any:
+        started.append((starts[0].tolist(), aim))
+        return SimpleNamespace(cost=5.0)
+
+    monkeypatch.setattr(ranker, "fit_model", fit_model)
+    before = {frozenset(["drag"]): {("", "a"): 1.0, ("drag", "c"): 2.0}}
+    own: Any = SimpleNamespace(before=before, train=None, sigma=None)
+    for cost, kept in ((5.0, True), (4.9, False)):
+        parent: Any = SimpleNamespace(cost=cost)
+        assert (Ranker._again(own, bound, parent, 9.0) is not None) == kept
+    assert started == [([1.0, 2.0], 9.0)] * 2
+    own.before = {}
+    assert Ranker._again(own, bound, parent, 9.0) is None
+
+
+def test_formulas_are_numbered_as_they_are_told() -> None:
+    """In their effects, fits, keys and bounds; names of the library are left alone."""
+
+    @dataclass(frozen=True)
+    class Effect:
+        name: str
+
+    @dataclass(frozen=True)
+    class Fitted:
+        key: str
+        effect: str | None
+
+    @dataclass(frozen=True)
+    class Model:
+        effects: tuple[Effect, ...]
+        fitted: tuple[Fitted, ...]
+
+    @dataclass(frozen=True)
+    class Bound:
+        model: Model
+
+    @dataclass(frozen=True)
+    class Fit:
+        bound: Bound
+        at_bound: tuple[str, ...]
+
+        @property
+        def model(self) -> Model:
+            return self.bound.model
+
+    fitted = (Fitted("a", None), Fitted("expression_7.k", "expression_7"), Fitted("drag.c", "drag"))
+    fit: Any = Fit(Bound(Model((Effect("drag"), Effect("expression_7")), fitted)), ("expression_7.w", "a"))
+    effects = {name: Effect(name) for name in ("expression_7", "expression_9", "drag")}
+    own: Any = SimpleNamespace(sketches={"expression_7": "seven", "expression_9": "nine"}, effects=effects,
+        case=SimpleNamespace(library={"expression_1": None}))  # fmt: skip
+    given = [
+        Hypothesis(("drag", "expression_9"), "mixed", 0.0),
+        Hypothesis(("drag", "expression_7"), "mixed", 0.0, fit),
+    ]
+    found, named, sketches = Ranker.renamed(own, given)
+    assert [h.effects for h in found] == [("drag", "expression_2"), ("drag", "expression_3")]
+    assert found[0].fit is None
+    assert list(sketches.items()) == [("expression_2", "nine"), ("expression_3", "seven")]
+    assert {name: one.name for name, one in named.items()} == {
+        "expression_2": "expression_2",
+        "expression_3": "expression_3",
+    }
+    new: Any = found[1].fit
+    assert [one.name for one in new.model.effects] == ["drag", "expression_3"]
+    assert [(one.key, one.effect) for one in new.model.fitted] == [
+        ("a", None), ("expression_3.k", "expression_3"), ("drag.c", "drag")
+    ]  # fmt: skip
+    assert new.at_bound == ("expression_3.w", "a")

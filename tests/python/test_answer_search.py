@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 
 from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.discover import closure, expression_answers, ranking, resampled, suspect_answers
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.formulas.expressions import Sketch
 from terrapin_tools.workbench.formulas.vocabulary import Scale
 from terrapin_tools.workbench.model.table_faults import Fault
+from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.kinds import NODES, considered
 
 EVERY = np.ones(3, dtype=bool)
@@ -890,3 +892,145 @@ def test_gains_are_of_effects_that_are_possible_beside_a_sound_fit(monkeypatch: 
     fit: Any = SimpleNamespace(effects="a")
     assert ranking._gains(ranker, fit, ("a",)) == {"b": 8.0}
     assert ranking._gains(ranker, fit, ("u",)) == {}
+
+
+def _grown(monkeypatch: pytest.MonkeyPatch, missing: bool, singles: dict[str, float], more: dict[str, list[Hypothesis]],
+    average: dict[str, float] | None = None) -> tuple[Any, list[Any]]:  # fmt: skip
+    """A ranking whose steps give what `more` says, by their names; and what the steps were asked."""
+    asked: list[Any] = []
+
+    def step(name: str) -> Any:
+        def does(ranker: Any, *given: Any) -> list[Hypothesis]:
+            asked.append((name, *given))
+            return list(more.get(name, []))
+
+        monkeypatch.setattr(ranking, name, does)
+
+    for name in ("_pairs", "_mishaps", "table_answers", "beside_constants", "expressions", "expression_pairs",
+        "neighbours", "twins"):  # fmt: skip
+        step(name)
+    monkeypatch.setattr(ranking, "paying", lambda ranker, found: [h for h in found if "free" not in h.effects])
+    monkeypatch.setattr(ranking, "_merged", lambda ranker, found: sorted(found, key=lambda h: -h.log_weight))
+    logs = average or singles
+    analysis: Any = SimpleNamespace(missing=missing, fit=SimpleNamespace(effects="present"))
+    own = Bench(singles, formulas=["e", "f"], analysis=analysis, screen=lambda: {tuple(n.split()): v for n, v in
+        logs.items()}, evidence=SimpleNamespace(nothing=-3.0), catalogue=2, renamed=lambda every: (every, {"E": 1}, {}),
+        found=lambda: "found")  # fmt: skip
+    monkeypatch.setattr(ranking, "Ranker", lambda analysis, report, before: own if before is None else None)
+    found = ranking.rank(analysis)
+    return found, asked
+
+
+def test_everything_that_may_be_missing_is_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a posterior that sums to one; what pays for nothing is left out, what is twice is once."""
+    more = {"_pairs": [_answer("a b", 1.0)], "_mishaps": [Hypothesis((), "run", 0.5, column="seven")],
+        "table_answers": [_answer("table", 0.0), _answer("table a", 3.0)], "beside_constants": [_answer("c a", -1.0)],
+        "expressions": [_answer("e", 2.0, "expression"), Hypothesis((), "expression", -4.0, column="oil")],
+        "expression_pairs": [_answer("e f", -2.0, "expression")],
+        "neighbours": [_answer("b a", 4.0), _answer("free", 9.0)]}  # fmt: skip
+    found, asked = _grown(monkeypatch, True, {"a": 1.5, "b": 0.25, "a b": 7.0}, more)
+    told = [(" ".join(h.effects) or h.kind, h.log_weight) for h in found.hypotheses]
+    assert told == [
+        ("b a", 4.0), ("table a", 3.0), ("e", 2.0), ("a", 1.5), ("run", 0.5), ("b", 0.25), ("table", 0.0),
+        ("c a", -1.0), ("e f", -2.0), ("expression", -4.0), ("nothing", pytest.approx(-3.0 + np.log(0.2))),
+    ]  # fmt: skip
+    weights = np.exp([h.log_weight for h in found.hypotheses])
+    np.testing.assert_allclose(found.posterior, weights / weights.sum())
+    assert found.singles.keys() == {"a", "b", "table"}
+    assert found.alone.keys() == {"e", "f"}  # what the likeliest hold is fitted alone, too: formulas
+    assert (found.expressions, found.found) == ({"E": 1}, "found")
+    steps = [name for name, *_ in asked]
+    assert steps == ["_pairs", "_mishaps", "table_answers", "beside_constants", "expressions", "expression_pairs",
+        "neighbours", "twins"]  # fmt: skip
+    assert asked[0][3] == 1.5  # the best so far
+    assert asked[0][1] is found.singles
+    assert [" ".join(h.effects) for h in asked[-1][1]][:2] == ["b a", "table a"]
+    assert frozenset("ab") in asked[-1][2]
+
+
+def test_where_nothing_is_missing_only_what_is_simple_is_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
+    found, asked = _grown(monkeypatch, False, {"a": 1.5}, {"table_answers": [_answer("table", 99.0)]})
+    assert [name for name, *_ in asked] == ["_pairs", "_mishaps", "expressions"]
+    assert [h.effects for h in found.hypotheses] == [("a",), ()]
+
+
+def test_a_twin_takes_part_and_an_absurd_effect_hides_no_formula(monkeypatch: pytest.MonkeyPatch) -> None:
+    taxed = replace(_answer("huge", 1.0), taxed=MOST_TAX)
+    more = {"twins": [_answer("t", 5.0)], "table_answers": [taxed, replace(_answer("a", 1.0), taxed=MOST_TAX - 0.1)]}
+    found, asked = _grown(monkeypatch, True, {"a": 1.5}, more)
+    assert found.hypotheses[0].effects == ("t",)
+    assert {name: given for name, *given in asked}["expressions"] == [["huge"]]
+
+
+def test_the_formulas_of_ten_answers_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    many = [*(_answer(f"s{i}", 20.0 - i) for i in range(9)), _answer("a e", 3.0), _answer("f", 2.0)]
+    found, _ = _grown(monkeypatch, True, {}, {"neighbours": many})
+    assert list(found.alone) == ["e"]
+
+
+def _over_time(monkeypatch: pytest.MonkeyPatch, sketches: Sequence[Sketch], doubted: bool = False, dynamics: Any = None,
+    whole_runs: bool = False, unsound: str = "") -> list[str]:  # fmt: skip
+    """Formulas that are refitted, those of the best motion and of the stated one among them."""
+    listed = SimpleNamespace(sketches=sketches, promise=lambda _: -np.arange(float(len(sketches))))
+    monkeypatch.setattr(expression_answers, "library", lambda *_: listed)
+    monkeypatch.setattr(expression_answers, "doubts", lambda *_: doubted)
+    monkeypatch.setattr(expression_answers, "_as_stated", lambda ranker, texts: [_sketch("k*stated")])
+    monkeypatch.setattr(
+        expression_answers, "_instead", lambda ranker, best, texts: [_sketch(f"k*beside_{best.effects[0][3:-1]}")]
+    )
+    weights = {f"[{one.text}]": float(i) for i, one in enumerate(sketches)}
+    own: Any = Bench(
+        weights, base=np.zeros((1, 4, 1)), values=np.zeros((1, 4)), effects={}, model=None, rows=None,
+        sigma=np.ones(1), columns_without=lambda names: None, misfit=1.0, catalogue=2, evidence=None,
+        analysis=SimpleNamespace(fit=SimpleNamespace(theta=None), residual=np.zeros((1, 4)), missing=True),
+        unsound={unsound},
+    )  # fmt: skip
+    own.case.dynamics, own.case.base.whole_runs = dynamics, whole_runs
+    return [h.effects[0] for h in expression_answers.expressions(own) if h.fit is not None]
+
+
+def test_over_time_formulas_are_looked_for_along_other_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Along the best sound one of equations of the user's own; along the stated one where the fit is in doubt."""
+    two = [_sketch("k*a", "a"), _sketch("k*b", "b")]
+    both = ["[k*a]", "[k*b]"]
+    assert _over_time(monkeypatch, two) == both
+    assert _over_time(monkeypatch, two, doubted=True) == [*both, "[k*stated]"]
+    assert _over_time(monkeypatch, two, dynamics=object()) == [*both, "[k*beside_b]"]
+    assert _over_time(monkeypatch, two, dynamics=object(), unsound="[k*b]") == [*both, "[k*beside_a]"]
+    again = [two[0], replace(two[0], scales={"w": SCALE}), two[1]]
+    assert _over_time(monkeypatch, again) == ["[k*a]", "[k*a]", "[k*b]"]
+    assert _over_time(monkeypatch, again, whole_runs=True) == both  # one start: others are tried in the refit
+
+
+def test_formulas_weigh_what_they_promise_with_the_prior_of_what_no_catalogue_has(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    given: list[Any] = []
+    listed = SimpleNamespace(sketches=[_sketch("k*a", "a")], promise=lambda _: np.array([2.0]))
+
+    def library(*asked: Any) -> Any:
+        given.append(asked)
+        return listed
+
+    monkeypatch.setattr(expression_answers, "library", library)
+    residual = np.array([[2.0, 4.0]])
+    own: Any = Bench(
+        base=np.zeros((1, 2, 3)), values=np.zeros((1, 2)), effects=dict.fromkeys(("drag", "zero.load", "huge")),
+        model=None, rows=None, sigma=np.array([2.0]), columns_without=set, misfit=1.0,
+        catalogue=2, evidence=None,
+        analysis=SimpleNamespace(fit=SimpleNamespace(theta=None), residual=residual, missing=False),
+    )  # fmt: skip
+    [one] = expression_answers.expressions(own, ["huge"])
+    assert (one.kind, one.column, one.fit) == ("expression", "a", None)
+    assert one.log_weight == pytest.approx(2.0 + np.log(0.54 * 0.38))
+    asked = given[0]
+    zeros = {name for name in own.effects if name.startswith(ZERO)}
+    assert (asked[4], asked[7]) == ({"huge"} | zeros, own.effects.keys() - zeros)
+    assert asked[5].shape == (2, 3)
+    assert asked[8].tolist() == [[1.0, 2.0]]
+    own.catalogue, own.case.base.whole_runs = 0, True
+    [one] = expression_answers.expressions(own)
+    assert one.log_weight == pytest.approx(2.0 + np.log(0.54))
+    assert given[1][8] is None
+    listed.sketches = []
+    assert expression_answers.expressions(own) == []

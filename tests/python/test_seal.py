@@ -345,9 +345,10 @@ def test_a_session_is_left_when_it_was_silent_or_half_over() -> None:
     clock.now += 0.89
     session._renew()  # too early to ask again
     clock.now += 0.02
-    given.append(Session(KEY.key, (3, 1), now=clock))
+    begun, clock.now = clock.now, clock.now + 0.25  # the controller's answer took its time
+    given.append(Session(KEY.key, (3, 1), now=lambda: begun))
     session._renew()
-    assert (session.number, session._began, session._last, given) == ((3, 1), clock.now, clock.now, [])
+    assert (session.number, session._began, session._last, given) == ((3, 1), begun, begun, [])
     alone = Session(KEY.key, (1, 1), None, clock)
     clock.now += 100.0
     alone._renew()
@@ -373,6 +374,7 @@ def test_a_session_may_be_lost_when_the_controller_was_not_heard() -> None:
 
     other = 1 << next(bit for name, bit in interface().faults.items() if name != "command_timeout")
     assert not heard((1.0, 0), (1.89, 0))
+    assert heard((0.0, 0), (0.9, 0))
     assert heard((1.0, 0), (1.91, 0))
     assert heard((1.0, 0), (1.91, 0), (1.92, 0))
     assert heard((1.0, 0), (1.1, missing))
@@ -385,6 +387,15 @@ def test_a_session_may_be_lost_when_the_controller_was_not_heard() -> None:
     session._renew()
     session.heard([(status.id, status.encode({"faults": missing})[0])])
     assert not session._lost  # it misses them still: nothing new
+
+
+def test_a_session_that_is_lost_at_once_is_left_at_once() -> None:
+    status = interface().messages["STATUS"]
+    clock, session, given = _renewing()
+    session.heard([(status.id, status.encode({"faults": 1 << interface().faults["command_timeout"]})[0])])
+    given.append(Session(KEY.key, (2, 2), now=clock))
+    session._renew()
+    assert session.number == (2, 2)
 
 
 def test_tags_are_ten_ms_apart(monkeypatch: pytest.MonkeyPatch) -> None:
