@@ -17,7 +17,16 @@ from terrapin_hil.physics.effects import Parameter
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.compare.adequacy import ROUNDING
-from terrapin_tools.workbench.discover import certainty, discovery, leftover, misfit, planted, ranker, unexplained
+from terrapin_tools.workbench.discover import (
+    certainty,
+    decide,
+    discovery,
+    leftover,
+    misfit,
+    planted,
+    ranker,
+    unexplained,
+)
 from terrapin_tools.workbench.discover import ranking as ranking_
 from terrapin_tools.workbench.discover.decide import Decision
 from terrapin_tools.workbench.discover.discovery import Weighed
@@ -1128,7 +1137,7 @@ def test_formulas_are_numbered_as_they_are_told() -> None:
     found, named, sketches = Ranker.renamed(own, given)
     assert [h.effects for h in found] == [("drag", "expression_2"), ("drag", "expression_3")]
     assert found[0].fit is None
-    assert list(sketches.items()) == [("expression_2", "nine"), ("expression_3", "seven")]
+    assert [*sketches, *sketches.values()] == ["expression_2", "expression_3", "nine", "seven"]
     assert {name: one.name for name, one in named.items()} == {
         "expression_2": "expression_2",
         "expression_3": "expression_3",
@@ -1139,3 +1148,180 @@ def test_formulas_are_numbered_as_they_are_told() -> None:
         ("a", None), ("expression_3.k", "expression_3"), ("drag.c", "drag")
     ]  # fmt: skip
     assert new.at_bound == ("expression_3.w", "a")
+
+
+# ---- the ranking with curves, and answers that are one
+
+
+def test_curves_take_the_place_of_those_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def curves(analysis: Any, ranking: Any) -> list[Hypothesis]:
+        asked.append([h.kind for h in ranking.hypotheses])
+        return [Hypothesis((), "unknown", 1.0, column="load"), _answer("a", 3.0, "part", "load")]
+
+    monkeypatch.setattr(decide, "curves", curves)
+    before = (_answer("a", 2.0), Hypothesis((), "unknown", 9.0, column="old"), _answer("a", 9.0, "part", "old"),
+        Hypothesis((), "nothing", 0.0))  # fmt: skip
+    analysis: Any = None
+    found = decide.with_curves(analysis, Ranking(before, np.zeros(4), {}, {}, {}, {}))
+    assert asked == [["catalogue", "nothing"]]
+    assert [(h.kind, h.log_weight) for h in found.hypotheses] == [
+        ("part", 3.0), ("catalogue", 2.0), ("unknown", 1.0), ("nothing", 0.0)
+    ]  # fmt: skip
+    np.testing.assert_allclose(found.posterior, np.exp([3.0, 2.0, 1.0, 0.0]) / np.exp([3.0, 2.0, 1.0, 0.0]).sum())
+
+
+def test_an_alias_is_the_answer_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With as many parameters, and the same cost; not what is told already, nor beside a curve."""
+    far = {("top", "far"): 2e-3, ("far", "top"): 0.0, ("top", "back"): 0.0, ("back", "top"): 2e-3}
+
+    class Apart:
+        def __init__(self, analysis: Any, ranking: Any, top: Hypothesis) -> None:
+            assert top.effects == ("top",)
+
+        def __call__(self, first: Hypothesis, other: Hypothesis) -> float:
+            return far.get((first.effects[0], other.effects[0]), 9e-4)
+
+    monkeypatch.setattr(decide, "_Apart", Apart)
+    top, told = _answer("top", cost=5.0), _answer("told", cost=5.0)
+    longer = _answer("longer", cost=5.0)
+    assert longer.fit is not None
+    longer.fit.theta = np.zeros(2)  # type: ignore[misc]
+    part, rare = _answer("part", kind="part", cost=5.0), _answer("rare", cost=5.0)
+    pairs = [(top, 0.4), (told, 0.1), (_answer("same", cost=5.0009), 0.1), (part, 0.1), (longer, 0.1), (rare, 1e-6),
+        (_answer("other", cost=5.0011), 0.1), (_answer("far", cost=5.0), 0.1), (_answer("back", cost=5.0), 0.1),
+        (_answer("less", cost=4.9991), 2e-6), (replace(_answer("unfitted"), fit=None), 0.1)]  # fmt: skip
+    ranked: Any = SimpleNamespace(pairs=lambda: pairs)
+    analysis: Any = None
+    assert decide.aliases(analysis, ranked, Decision("ambiguous", 0.5, (top, told))) == (("same",), ("less",))
+    assert decide.aliases(analysis, ranked, Decision("unexplained", 0.5)) == ()
+
+
+def test_predictions_are_compared_in_the_noise_that_the_likeliest_leaves(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decide, "noise_left", lambda analysis, fit: ("node", fit.row))
+    calls: list[str] = []
+
+    def fit(name: str, row: float) -> Any:
+        def jacobian(theta: Any) -> Any:
+            calls.append(name)
+            return np.full((2, 3), row), np.full((2, 3, 1), row)
+
+        return SimpleNamespace(
+            row=row, theta=None, model=SimpleNamespace(bind=lambda i, r: SimpleNamespace(jacobian=jacobian))
+        )
+
+    analysis: Any = SimpleNamespace(noise=SimpleNamespace(sigma=np.array([1.0, 2.0])), case=SimpleNamespace(inputs=None),
+        rows=None)  # fmt: skip
+    asked: list[Any] = []
+
+    def distance(gap: Array, slopes: Array, node: str) -> float:
+        asked.append((gap[:, 0].tolist(), slopes[:, 0, 0].tolist(), node))
+        return 12.0
+
+    ranked: Any = SimpleNamespace(evidence=SimpleNamespace(distance=distance))
+    one, other = (Hypothesis((name,), "catalogue", 0.0, fit(name, row)) for name, row in (("a", 2.0), ("b", 6.0)))
+    apart = decide._Apart(analysis, ranked, one)
+    assert apart(one, other) == apart(one, other) == 3.0
+    assert asked[0] == ([-4.0, -2.0], [6.0, 3.0], "node")
+    assert calls == ["a", "b"]  # each is computed once
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "told"), [("constant.radius", "catalogue", "constant"), ("table.load.scale", "catalogue", "table"),
+        ("drag", "catalogue", "catalogue"), ("e", "expression", "expression")],
+)  # fmt: skip
+def test_a_candidate_is_of_a_kind(name: str, kind: str, told: str) -> None:
+    effect: Any = SimpleNamespace(name=name)
+    assert discovery._kind(effect, _answer(name, kind=kind)) == told
+
+
+def test_a_bump_stands_where_three_rows_are_at_least() -> None:
+    """Its evidence is the mean over fifty places, where rows stand alone there is none; the likeliest is told."""
+    values = np.concatenate([np.linspace(0.0, 1.0, 101), [2.0]])
+    bump = unexplained._Bump("q", "", values, np.ones(102))
+    seen: list[Array] = []
+
+    def single(columns: Array) -> Array:
+        seen.append(columns)
+        return np.arange(50.0)
+
+    evidence: Any = SimpleNamespace(channels=2, single=single)
+    first, second = bump.log_evidence(evidence)
+    total, squares = np.abs(seen[0]).sum(axis=0), (seen[0] ** 2).sum(axis=0)
+    there = total**2 > 3.0 * squares
+    assert not there[49]  # a single row at the far end
+    assert there[:25].all()
+    assert first == second == pytest.approx(np.log(np.exp(np.arange(50.0))[there].sum() / 50.0))
+    assert not seen[0][102:].any()
+    assert not seen[1][:102].any()
+    likeliest: Any = bump.likeliest(evidence, 1)
+    best = int(np.flatnonzero(there)[-1])
+    assert likeliest.centres == (bump.centres[best],)
+    assert likeliest.at(values).shape == (102, 1)
+
+
+def test_waves_are_weighed_in_each_channel() -> None:
+    values = np.linspace(0.0, 1.0, 30)
+    waves = unexplained._Waves("q", "", values, np.ones(30))
+    residual = np.stack([np.zeros(30), 9.0 * np.cos(np.pi * values)])
+    evidence = Evidence(Runs(np.zeros(30, dtype=int), 2), residual, np.zeros((2, 30, 0)), STATED, [0])
+    low, high = waves.log_evidence(evidence)
+    for channel, found in ((0, low), (1, high)):
+        own = waves.block(channel, 2)
+        expected = evidence.blocks(evidence.gram(own), np.arange(9)[None, :], np.zeros((1, 9)))[0]
+        assert found == pytest.approx(float(expected))
+    assert high > low + 100.0
+    assert waves.likeliest(evidence, 1) is waves
+
+
+def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The squares beyond those of noise may be explained, or what noise has by chance; constants and zero points are
+    suspects, of the catalogue is the rest."""
+    effects = [SimpleNamespace(name=name) for name in ("drag", "gear", "zero_of_load")]
+    made: list[Any] = []
+
+    class Given:
+        def __init__(self, runs: Any, residual: Array, base: Array, behind: float, kinds: Any) -> None:
+            made.append((residual, base, behind, kinds))
+
+        def among(self, columns: Array) -> list[int]:
+            made.append(columns)
+            return [5]
+
+    patches: dict[str, Any] = {
+        "measured": lambda model, rows: np.zeros((2, int(rows.sum()))), "candidates": lambda model: effects,
+        "constants": lambda model: [SimpleNamespace(name="constant.r")], "faults": lambda case: ["fault"],
+        "free_slopes": lambda fit, sigma, rows, released: (None, None, np.full((2, 4, 1), 8.0 if released else 0.0)),
+        "Evidence": Given,
+    }  # fmt: skip
+    for name, does in patches.items():
+        monkeypatch.setattr(ranker, name, does)
+
+    def begun(left: float) -> Any:
+        made.clear()
+        shapes = {"drag": [Shape("drag", (), np.ones((8, 1)), 1.0, 0.0, 1.0)],
+            "wave": [Shape("wave", (), np.full((8, 2), 3.0), 1.0, 0.0, 1.0)]}  # fmt: skip
+        noise = SimpleNamespace(sigma=np.array([0.5, 2.0]), behind=3.0, known=np.array([True, False]), kinds=[1])
+        case = SimpleNamespace(run=np.zeros(6, dtype=int), train=np.arange(6) < 3)
+        analysis: Any = SimpleNamespace(
+            case=case, model=SimpleNamespace(channels=("f", "g")), rows=np.arange(6) > 1, noise=noise, felt=None,
+            prediction=np.ones((2, 4)), shapes=shapes, fit="fit", nuisance=np.full((2, 4, 1), 9.0),
+            residual=np.stack([np.full(4, 0.5 * left), np.full(4, 2.0 * left)]),
+        )  # fmt: skip
+        return Ranker(analysis, lambda _: None)
+
+    found = begun(2.0)
+    assert (found.catalogue, set(found.suspects), found.possible) == (2, {"zero_of_load", "constant.r"}, ["fault"])
+    assert found.effects.keys() == {"drag", "gear", "zero_of_load", "constant.r"}
+    assert found.misfit == pytest.approx(4.0 * 8.0 - 8.0)
+    assert begun(1.0).misfit == pytest.approx(4.0)  # the sd of the squares of eight rows
+    residual, base, behind, kinds = made[0]
+    np.testing.assert_allclose(residual, np.ones((2, 4)))
+    np.testing.assert_allclose(base[:, 0], [[16.0, 9.0], [4.0, 9.0]])
+    assert (behind, kinds, made[2][3]) == (3.0, [1], [5])
+    assert made[1].shape == (8, 3)
+    assert found.columns_without({"drag"}).tolist() == [[3.0, 3.0]] * 8
+    assert found.columns_without({"drag", "wave"}).shape == (8, 0)
+    assert found.fits == {frozenset(): "fit"}
+    assert found.train.shape == (2, 3)

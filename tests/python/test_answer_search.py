@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.discover import closure, expression_answers, ranking, resampled, suspect_answers
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.formulas.expressions import Sketch
@@ -1015,7 +1014,7 @@ def test_formulas_weigh_what_they_promise_with_the_prior_of_what_no_catalogue_ha
     monkeypatch.setattr(expression_answers, "library", library)
     residual = np.array([[2.0, 4.0]])
     own: Any = Bench(
-        base=np.zeros((1, 2, 3)), values=np.zeros((1, 2)), effects=dict.fromkeys(("drag", "zero.load", "huge")),
+        base=np.zeros((1, 2, 3)), values=np.zeros((1, 2)), effects=dict.fromkeys(("drag", "zero_of_load", "huge")),
         model=None, rows=None, sigma=np.array([2.0]), columns_without=set, misfit=1.0,
         catalogue=2, evidence=None,
         analysis=SimpleNamespace(fit=SimpleNamespace(theta=None), residual=residual, missing=False),
@@ -1024,8 +1023,7 @@ def test_formulas_weigh_what_they_promise_with_the_prior_of_what_no_catalogue_ha
     assert (one.kind, one.column, one.fit) == ("expression", "a", None)
     assert one.log_weight == pytest.approx(2.0 + np.log(0.54 * 0.38))
     asked = given[0]
-    zeros = {name for name in own.effects if name.startswith(ZERO)}
-    assert (asked[4], asked[7]) == ({"huge"} | zeros, own.effects.keys() - zeros)
+    assert (asked[4], asked[7]) == ({"huge", "zero_of_load"}, {"drag", "huge"})
     assert asked[5].shape == (2, 3)
     assert asked[8].tolist() == [[1.0, 2.0]]
     own.catalogue, own.case.base.whole_runs = 0, True

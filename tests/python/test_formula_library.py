@@ -13,6 +13,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.units import read_unit
 from terrapin_tools.workbench.formulas import expressions, vocabulary
 from terrapin_tools.workbench.formulas.expressions import Library, Sketch, as_effect
+from terrapin_tools.workbench.formulas.periods import waves
 from terrapin_tools.workbench.formulas.vocabulary import Scale, Term, shapes
 
 S = 0.35  # of a shape other than the column itself
@@ -421,3 +422,102 @@ def test_columns_are_read_that_vary_those_of_the_model_first() -> None:
         "seen": np.array([0.0, 1e9, 1e9, 1e9, 1e9 + 1.1]),
     }
     assert list(expressions._read(model, np.zeros(1), rows)[0]) == ["seen"]
+
+
+@pytest.mark.parametrize(("unit", "step"), [("rad", 0.1), ("turn", 0.1), ("mm", 0.1)])
+def test_a_wave_has_its_rate_and_phase_with_bounds_around_them(unit: str, step: float) -> None:
+    """Between the two next independent rates, and half a turn of the phase; it pays for all that it was chosen from."""
+    place = 5.0 + step * np.arange(400.0)
+    span = float(np.ptp(place))
+    rate = 2.0 * np.pi / span * 10.25  # one of those that are looked at: four between two that are independent
+    left = np.stack([0.1 * np.cos(7.0 * place), 2.0 + 3.0 * np.sin(rate * place + 0.4)])
+    (one,) = waves("x", place, unit, left)
+    assert one.prior == pytest.approx(S / (100.0 - 2.0 + 1.0))  # of 400 values a quarter, from 2 waves on
+    phase = one.scales["phase"]
+    assert phase.start == pytest.approx(0.4, abs=1e-6)
+    assert (phase.low, phase.high) == pytest.approx((phase.start - np.pi / 2.0, phase.start + np.pi / 2.0))
+    assert (phase.unit, phase.grid) == ("rad", (phase.start,))
+    wide = 2.0 * np.pi / span
+    if unit == "rad":
+        assert one.text == "sin(n*x + phase)"
+        found, expected, own = one.scales["n"], (rate, rate - wide, rate + wide), "1"
+    else:
+        assert one.text == "sin(6.2832*x/p + phase)"
+        found, own = one.scales["p"], unit
+        expected = 2.0 * np.pi / rate, 2.0 * np.pi / (rate + wide), 2.0 * np.pi / (rate - wide)
+    assert (found.start, found.low, found.high) == pytest.approx(expected)
+    assert (found.unit, found.grid) == (own, (found.start,))
+
+
+def test_a_wave_is_looked_for_from_two_over_the_range_to_four_values_each() -> None:
+    def found(values: Array, rate: float, unit: str = "m") -> list[Term]:
+        return waves("x", values, unit, np.sin(rate * values)[None, :])
+
+    assert found(np.linspace(0.0, 1.0, 8), 9.0) == []  # of eight values two waves at most: a bend
+    assert found(np.linspace(0.0, 1.0, 9), 13.0) != []
+    assert found(np.linspace(0.0, 1.0, 90), 40.0, "s") == []
+    steps = np.linspace(0.0, 1.0, 9001)
+    (one,) = found(steps, 2.0 * np.pi * 500.0)  # on a part of the rows
+    assert one.scales["p"].start == pytest.approx(1.0 / 500.0, rel=1e-3)
+    assert one.prior == pytest.approx(S / (1000.0 - 2.0 + 1.0))
+    (slow,) = found(np.linspace(0.0, 1.0, 200), 2.0 * np.pi * 2.0)
+    assert slow.scales["p"].start == pytest.approx(0.5)
+
+
+def test_the_library_of_a_case_is_drawn_for_each_target(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That is measured, and of the base's parameters those that are not 0; waves in what is left, of no motion."""
+    case = SimpleNamespace(
+        units={"oil": "degC"}, inputs={"oil": OIL}, dynamics=None,
+        base=SimpleNamespace(own_names=True, parameters=("r", "gone", "free")),
+        parameters={"r": 2.0, "gone": 0.0},
+    )  # fmt: skip
+    model: Any = SimpleNamespace(case=case)
+    added: list[Any] = []
+    looked: list[Any] = []
+
+    class Drawn:
+        def __init__(self, case: Any, rows: int, values: Any, terms: Any, own: Any) -> None:
+            self.sketches: list[Any] = []
+            looked.append((rows, {name: [term.text for term in listed] for name, listed in terms.items()}))
+
+        def add(self, target: str, prior: float, act: Any) -> None:
+            added.append((target, prior, act))
+            self.sketches += [None] * many[0]
+
+        def kept(self, *given: Any) -> Any:
+            return given
+
+    many = [1]
+    patches: dict[str, Any] = {
+        "_Drawn": Drawn, "_read": lambda *_: ({"oil": OIL, "omega": OIL}, {"omega"}, 0.3),
+        "targets": lambda case: [("y", 1.0), ("gone", 0.5), ("r", 0.25), ("free", 0.1)],
+        "acting": lambda model, theta, target, rows, sigma: f"act on {target}",
+        "orthonormal": lambda base: f"q of {base}",
+        "shapes": lambda name, values, unit, taken, lowest, free: [Term(f"{name} {unit} {lowest} {free}", {}, 1.0)],
+        "waves": lambda name, values, unit, left, taken: [Term(f"wave {name} {unit}", {}, 1.0)],
+    }  # fmt: skip
+    for name, does in patches.items():
+        monkeypatch.setattr(expressions, name, does)
+    known, rows, none = np.zeros((4, 3)), np.ones(4, dtype=bool), np.zeros(0)
+
+    def drawn(**more: Any) -> Any:
+        added.clear()
+        looked.clear()
+        return expressions.library(model, none, rows, none, known, "base", 7.0, **more)  # type: ignore[arg-type]
+
+    basis, same, zeros, misfit = drawn()
+    assert (basis, same is known, zeros.shape, misfit) == ("q of base", True, (4, 0), 7.0)
+    assert added == [(t, p, f"act on {t}") for t, p in (("y", 1.0), ("r", 0.25), ("free", 0.1))]
+    assert looked == [(4, {"oil": ["oil degC 0.3 True"], "omega": ["omega rad/s 0.3 True"], "": [""]})]
+    assert drawn(zeros="zeros")[2] == "zeros"
+    drawn(left=np.zeros((1, 4)))
+    assert looked[0][1]["oil"] == ["oil degC 0.3 True", "wave oil degC"]
+    case.dynamics = object()
+    drawn(left=np.zeros((1, 4)))
+    assert looked[0][1]["oil"] == ["oil degC 0.3 False"]
+    many[0] = 6001  # beyond what is looked at no further target is
+    drawn()
+    assert [target for target, *_ in added] == ["y"]
+    many[0] = 6000
+    drawn()
+    assert [target for target, *_ in added] == ["y", "r"]
