@@ -1211,8 +1211,8 @@ def test_predictions_are_compared_in_the_noise_that_the_likeliest_leaves(monkeyp
             row=row, theta=None, model=SimpleNamespace(bind=lambda i, r: SimpleNamespace(jacobian=jacobian))
         )
 
-    analysis: Any = SimpleNamespace(noise=SimpleNamespace(sigma=np.array([1.0, 2.0])), case=SimpleNamespace(inputs=None),
-        rows=None)  # fmt: skip
+    noise = SimpleNamespace(sigma=np.array([1.0, 2.0]))
+    analysis: Any = SimpleNamespace(noise=noise, case=SimpleNamespace(inputs=None), rows=None)
     asked: list[Any] = []
 
     def distance(gap: Array, slopes: Array, node: str) -> float:
