@@ -54,8 +54,10 @@ PROGRAM = paths.build() / "terrapin-bootloader"
 
 
 @pytest.fixture(autouse=True)
-def brief(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The emulated boot loader starts at once, and what confirms itself has done so by then."""
+def brief(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The emulated boot loader starts at once, and what confirms itself has done so by then. What a slip writes under a
+    name of its own does not lie in the sources."""
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("terrapin_tools.flash.update.START", 0.05)
     monkeypatch.setattr("terrapin_tools.flash.update.CONFIRM", 1.0)
 

@@ -891,3 +891,42 @@ def test_a_board_stands_in_the_robots_file_or_is_refused(tmp_path: Path) -> None
     assert not (tmp_path / "none").exists()
     with pytest.raises(UserError, match="found no such file"):
         build.choose("nosuch", "", tmp_path)
+
+
+def test_what_a_probe_does_is_told_in_sectors_and_bytes(monkeypatch: pytest.MonkeyPatch) -> None:
+    done: list[Any] = []
+
+    class Eraser:
+        Mode = SimpleNamespace(SECTOR="sector")
+
+        def __init__(self, session: Any, mode: str) -> None:
+            assert (session, mode) == ("session", "sector")
+
+        def erase(self, ranges: list[tuple[int, int]]) -> None:
+            done.append(ranges)
+
+    class Loader:
+        def __init__(self, session: Any, progress: Callable[[float], None], chip_erase: str) -> None:
+            assert (session, chip_erase) == ("session", "sector")
+            self.progress = progress
+
+        def add_data(self, address: int, data: bytes) -> None:
+            done.append((address, data))
+
+        def commit(self) -> None:
+            for share in (0.0, 0.25, 1.0):
+                self.progress(share)
+
+    monkeypatch.setitem(sys.modules, "pyocd.flash.eraser", SimpleNamespace(FlashEraser=Eraser))
+    monkeypatch.setitem(sys.modules, "pyocd.flash.loader", SimpleNamespace(FlashLoader=Loader))
+    probe = swd.Swd.__new__(swd.Swd)
+    probe.name, probe._session = "P1", "session"
+    told: list[tuple[str, int, int]] = []
+    probe.erase([(BASE, 0x4000), (BASE + 0x2_0000, 0x2_0000)], lambda *one: told.append(one))
+    assert done == [[(BASE, BASE + 0x4000)], [(BASE + 0x2_0000, BASE + 0x4_0000)]]
+    assert told == [("erasing", 0, 2), ("erasing", 1, 2)]
+    done.clear()
+    told.clear()
+    probe.write(BASE, b"x" * 1000, lambda *one: told.append(one))
+    assert done == [(BASE, b"x" * 1000)]
+    assert told == [("writing", 0, 1000), ("writing", 250, 1000), ("writing", 1000, 1000)]

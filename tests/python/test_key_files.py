@@ -15,6 +15,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from terrapin_hil.reading import ReadingError
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash.keys import (
+    development_key,
     key_hash,
     key_in,
     new_key,
@@ -29,6 +30,12 @@ KEY = Ed25519PrivateKey.from_private_bytes(bytes(range(32)))
 PEM, PKCS8, INFO = (
     serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.PublicFormat.SubjectPublicKeyInfo
 )  # fmt: skip
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a slip takes a key's text for its name, the file does not lie in the sources."""
+    monkeypatch.chdir(tmp_path)
 
 
 def _private(path: Path, key: Ed25519PrivateKey | ec.EllipticCurvePrivateKey, password: bytes = b"") -> Path:
@@ -126,3 +133,32 @@ def test_a_key_is_found_by_its_name_wherever_it_stands() -> None:
         assert found.public_bytes_raw() == raw
     for data in (b"", raw[:31], raw[1:] + raw[:1], bytes(64)):
         assert key_in(data, named) is None
+
+
+def test_what_stands_in_the_way_of_a_key_is_named_for_its_owner_at_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also before its mode is set: nobody may open it in between."""
+    modes: list[int] = []
+
+    def fchmod(handle: int, mode: int) -> None:
+        modes.append(stat.S_IMODE(os.fstat(handle).st_mode))
+
+    monkeypatch.setattr("terrapin_tools.flash.keys.os.fchmod", fchmod)
+    before = os.umask(0)
+    try:
+        write_secret(tmp_path / "key.pem", b"1")
+    finally:
+        os.umask(before)
+    assert modes == [0o600]
+
+
+def test_the_key_of_the_bench_is_where_the_build_put_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    place = tmp_path / "bench.pem"
+    monkeypatch.setattr("terrapin_hil.paths.development_key", lambda: place)
+    with pytest.raises(
+        UserError, match=r"--key: no development key in .*bench\.pem; `terrapin keys new KEY\.pem` makes"
+    ):
+        development_key()
+    _private(place, KEY)
+    assert development_key() == place
