@@ -930,3 +930,123 @@ def test_what_a_probe_does_is_told_in_sectors_and_bytes(monkeypatch: pytest.Monk
     probe.write(BASE, b"x" * 1000, lambda *one: told.append(one))
     assert done == [(BASE, b"x" * 1000)]
     assert told == [("writing", 0, 1000), ("writing", 250, 1000), ("writing", 1000, 1000)]
+
+
+class Updating:
+    """`update` with what it asks replaced; what was done, in order."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, controller: Controller, there: Any = None,
+        state: str = "confirmed") -> None:  # fmt: skip
+        self.done: list[Any] = []
+        patches: dict[str, Any] = {
+            "query": lambda wire: controller, "_require_alone": self._noted("alone"),
+            "_enter_loader": self._noted("enters", replace(controller, running="")), "_made_for": lambda *_: there,
+            "_require_fit": self._noted("fits"), "_demand": self._noted("demands"),
+            "_send_blocks": self._noted("sends"), "_reset": self._noted("resets"), "_started": self._noted("started", state), "_revoked": lambda *_: True,
+        }  # fmt: skip
+        for name, does in patches.items():
+            monkeypatch.setattr(update, name, does)
+
+    def _noted(self, name: str, result: Any = None) -> Any:
+        def call(wire: Any, sender: Any, *given: Any) -> Any:
+            self.done.append((name, *given))
+            return result
+
+        return call
+
+    def __call__(self, *files: SignedFile, **more: Any) -> tuple[update.Outcome, list[tuple[str, int, int]]]:
+        told: list[tuple[str, int, int]] = []
+        wire: Any = None
+        return update.update(wire, files, lambda *one: told.append(one), **more), told
+
+
+def test_an_update_is_announced_sent_ended_and_started(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What lies behind the image in its file is not sent, and its last word is filled up."""
+    data = image("a", "2.3.4", 5, 601)
+    assert len(data) % 4 == 1
+    whole = data + b"\xff" * 3
+    good = SignedFile("a.bin", parse(data), data + b"\xff" * 64)
+    updating = Updating(monkeypatch, THERE)
+    outcome, told = updating(good)
+    assert outcome == update.Outcome("a", "confirmed", True)
+    size = len(whole)
+    assert told == [("erasing", 0, size), ("verifying", size, size), ("starting", size, size)]
+    assert [name for name, *_ in updating.done] == ["alone", "demands", "sends", "demands", "resets", "started"]
+    _, begin, sends, end, resets, started = updating.done
+    slot = interface().enums["update_slot"]["a"]
+    assert begin[1:5] == ("begin", {"size": size // 4, "slot": slot, "major": 2, "minor": 3, "revision": 4},
+        update.ERASE, "a.bin")  # fmt: skip
+    assert b"".join(one for _, one in begin[5][1:]) == data[-144:]
+    assert sends[1] == whole
+    assert end[1:] == ("end", {"checksum": zlib.crc32(whole)}, update.VERIFY, "a.bin")
+    assert [resets[3](replace(THERE, running=one)) for one in ("a", "")] == [True, False]
+    assert started[1:] == ("a", "a.bin")
+    trial, _ = Updating(monkeypatch, THERE, state="on trial")(good)
+    assert trial == update.Outcome("a", "on trial", False)
+
+
+def test_an_application_makes_way_and_a_boot_loader_says_whose_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    running = Updating(monkeypatch, replace(THERE, running="b", confirmed="b"))
+    outcome, _ = running(file("a"), key="key")
+    assert outcome.slot == "a"
+    assert running.done[1][:3] == ("enters", "a.bin", "key")
+    asked: list[Any] = []
+    monkeypatch.setattr(update, "_require_fit", lambda *given: asked.append(given))
+    for there in (None, update.MadeFor(7, 2, 1)):
+        of = Updating(monkeypatch, replace(THERE, protocol=1), there)
+        monkeypatch.setattr(update, "_require_fit", lambda *given: asked.append(given))
+        of(file("a"), change_robot=True)
+    [(chosen, there, change, protocol)] = asked  # an older one knows nothing of robots
+    assert (chosen.name, there, change, protocol) == ("a.bin", update.MadeFor(7, 2, 1), True, 1)
+
+
+def test_a_boot_loader_is_asked_three_times_whose_it_is() -> None:
+    def asked(*answers: list[Frame]) -> tuple[Any, int]:
+        bus: Any = Bus(UPDATE_ROBOT=answers)
+        return update._made_for(bus, Sender()), len(bus.sent)
+
+    number, data = said("UPDATE_IDENTITY", robot=0x123456, board=3, interface=2)
+    found = update.MadeFor(0x123456, 3, 2)
+    assert asked([(number, data)]) == (found, 1)
+    assert asked([], [(number, data[:-1])], [(number + 1, data), (number, data)]) == (found, 3)
+    assert asked([], [], []) == (None, 3)
+
+
+def test_a_link_is_unsealed_after_a_reset(monkeypatch: pytest.MonkeyPatch) -> None:
+    wire: Any = SimpleNamespace(session=None)
+    sealed: list[Any] = []
+
+    def seal(wire: Any, key: Any) -> None:
+        sealed.append(key)
+        wire.session = "session"
+
+    def reset(wire: Any, *given: Any) -> None:
+        sealed.append(wire.session)
+        if fails:
+            raise UserError("refused")
+
+    monkeypatch.setattr(update, "seal_link", seal)
+    monkeypatch.setattr(update, "_reset", reset)
+    key: Any = "key"
+    for fails in (False, True):
+        sealed.clear()
+        with contextlib.nullcontext() if not fails else pytest.raises(UserError):
+            update._reset_application(wire, Sender(), {}, "file", lambda found: True, key)
+        assert (sealed, wire.session) == (["key", "session"], None)
+    fails = False
+    sealed.clear()
+    update._reset_application(wire, Sender(), {}, "file", lambda found: True, None)
+    assert sealed == [None]
+
+
+def test_a_controller_that_does_not_answer_says_why_where_it_can(monkeypatch: pytest.MonkeyPatch) -> None:
+    answers: list[Controller | None] = [THERE, None, None, None]
+    monkeypatch.setattr(update, "_ask", lambda wire, sender, seconds: answers.pop(0))
+    bus: Any = Bus()
+    assert update.query(bus) is THERE
+    with pytest.raises(UserError, match="wire: no controller answers") as raised:
+        update.query(Bus())  # type: ignore[arg-type]
+    assert raised.value.status == 1
+    for result, told in (("motor_on", "wire: the motor is on"), ("sequence", "wire: no controller answers")):
+        with pytest.raises(UserError, match=told):
+            update.query(Bus(UPDATE_BLOCK=[[status("block", result)]]))  # type: ignore[arg-type]
