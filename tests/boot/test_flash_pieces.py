@@ -17,7 +17,7 @@ import pytest
 from kit import KEY, NEXT_KEY, OTHER_KEY, PUBLIC, code, image
 
 from terrapin_hil.messages import Frame, Sender, interface
-from terrapin_interface.robot import find_robot
+from terrapin_interface.robot import find_robot, identity_of
 from terrapin_tools.errors import UserError
 from terrapin_tools.flash import build, listing, plan, swd, update, wires
 from terrapin_tools.flash.image import (
@@ -942,7 +942,8 @@ class Updating:
             "query": lambda wire: controller, "_require_alone": self._noted("alone"),
             "_enter_loader": self._noted("enters", replace(controller, running="")), "_made_for": lambda *_: there,
             "_require_fit": self._noted("fits"), "_demand": self._noted("demands"),
-            "_send_blocks": self._noted("sends"), "_reset": self._noted("resets"), "_started": self._noted("started", state), "_revoked": lambda *_: True,
+            "_send_blocks": self._noted("sends"), "_reset": self._noted("resets"),
+            "_started": self._noted("started", state), "_revoked": lambda *_: True,
         }  # fmt: skip
         for name, does in patches.items():
             monkeypatch.setattr(update, name, does)
@@ -1050,3 +1051,41 @@ def test_a_controller_that_does_not_answer_says_why_where_it_can(monkeypatch: py
     for result, told in (("motor_on", "wire: the motor is on"), ("sequence", "wire: no controller answers")):
         with pytest.raises(UserError, match=told):
             update.query(Bus(UPDATE_BLOCK=[[status("block", result)]]))  # type: ignore[arg-type]
+
+
+RIGHT = update.MadeFor(identity_of("cylinder"), 3, 2)
+
+
+@pytest.mark.parametrize(
+    ("made", "there", "told"),
+    [
+        ({"robot": RIGHT.robot, "board": 3, "interface": 2}, RIGHT, ""),
+        ({"robot": RIGHT.robot, "board": 0, "interface": 0}, RIGHT, ""),  # it does not say
+        ({"robot": 7, "board": 3, "interface": 2}, update.MadeFor(0, 0, 2), ""),  # nor does the controller
+        ({"robot": RIGHT.robot, "board": 1, "interface": 2}, RIGHT, "made for board .*, expected "),
+        ({"robot": RIGHT.robot, "board": 3, "interface": 1}, RIGHT, "interface version 1, expected 2"),
+        ({"robot": RIGHT.robot, "board": 3, "interface": 1}, update.MadeFor(RIGHT.robot, 3, 0), "interface version 1"),
+        (
+            {"robot": 7, "board": 3, "interface": 2},
+            RIGHT,
+            "made for robot 0x000007, the controller is that of cylinder",
+        ),
+        ({"robot": 0, "board": 3, "interface": 2}, RIGHT, "made for no robot that it names"),
+    ],
+)
+def test_an_image_fits_what_the_boot_loader_says(made: dict[str, int], there: update.MadeFor, told: str) -> None:
+    with pytest.raises(UserError, match=rf"^a\.bin: .*{told}") if told else contextlib.nullcontext():
+        update._require_fit(file("a", **made), there, False, 2)  # type: ignore[arg-type]
+
+
+def test_an_image_takes_another_robots_place_where_both_say_so() -> None:
+    other = file("a", robot=7, replaces=RIGHT.robot)
+    update._require_robot(other, RIGHT.robot, True, 2)
+    for image_, change, protocol, told in ((other, False, 2, "--change-robot makes it another's"),
+        (other, True, 1, "its boot loader is too old for another robot's image"),
+        (file("a", robot=7, replaces=8), True, 2, "`terrapin image sign --replaces cylinder`"),
+        (file("a", robot=7), True, 2, "`terrapin image sign --replaces cylinder`")):  # fmt: skip
+        with pytest.raises(UserError, match=told):
+            update._require_robot(image_, RIGHT.robot, change, protocol)
+    with pytest.raises(UserError, match="--replaces 0x000009`"):
+        update._require_robot(other, 9, True, 2)
