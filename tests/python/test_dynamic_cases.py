@@ -190,12 +190,13 @@ def test_a_start_that_sends_a_body_off_is_brought_back(tmp_path: Path) -> None:
     problem = _Problem(model.bind(case.inputs, case.train), measured, np.array([0.02, 0.004]), np.inf)
     absent = problem.residual(np.array([0.092, 0.0]))
     cost = float(absent @ absent)
-    found = problem.nearer(np.array([0.092, 0.4]), 1, cost)
+    found, came = problem.nearer(np.array([0.092, 0.4]), 1, cost)
     residual = problem.residual(found)
     assert 0.0 < found[1] <= 0.1
-    assert found[1] == 0.4 / 2**6 or residual @ residual <= 2.0 * cost
+    assert came == (residual @ residual <= 2.0 * cost)
+    assert found[1] == 0.4 / 2**6 or came
     near = np.array([0.092, 1e-6])
-    assert problem.nearer(near, 1, cost) is near
+    assert problem.nearer(near, 1, cost)[0] is near
 
 
 def test_a_complete_model_of_the_cylinder_is_adequate(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -59,6 +59,40 @@ def test_of_several_starts_the_least_cost_is_kept_of_equals_the_first(
     assert fit.jacobian.shape == (2, 3, 2)
 
 
+@pytest.mark.parametrize(
+    ("costs", "followed"),
+    [
+        ((4.0, 9.0, 5.0), [0, 2]),  # the second sends the body off, and the first led below the cost without it
+        ((9.0, 4.0, 5.0), [0, 1, 2]),  # before any start has led somewhere each is followed
+        ((7.0, 9.0, 5.0), [0, 1, 2]),
+    ],
+)
+def test_a_start_that_sends_a_body_off_is_left_where_another_leads_somewhere(
+    monkeypatch: pytest.MonkeyPatch, costs: tuple[float, ...], followed: list[int]
+) -> None:
+    seen: list[int] = []
+
+    class Far(_Found):
+        def nearer(self, start: Array, size: int, cost: float) -> tuple[Array, bool]:
+            assert (size, cost) == (1, 6.0)
+            return start, start[1] != 9.0
+
+        def minimum(self, start: Array, free: Array) -> tuple[Array, float]:
+            seen.append(int(start[0]))
+            return super().minimum(start, free)
+
+    monkeypatch.setattr(fitting, "_Problem", Far)
+    monkeypatch.setattr(fitting, "is_phase", lambda _: False)
+    fitted = [SimpleNamespace(whole=False, key=name, unit="1", lower=-9.0, upper=9.0) for name in ("place", "cost")]
+    wide = np.full(2, 9.0)
+    case = SimpleNamespace(base=SimpleNamespace(whole_runs=False))
+    bound: Any = SimpleNamespace(model=SimpleNamespace(fitted=fitted, start=np.zeros(2), lower=-wide, upper=wide,
+        case=case))  # fmt: skip
+    starts = [np.array([float(place), cost]) for place, cost in enumerate(costs)]
+    fitting.fit_model(bound, np.zeros((2, 3)), np.ones(2), starts, absent=(1, 6.0))
+    assert seen == followed
+
+
 def test_three_steps_that_gain_next_to_nothing_end_a_search() -> None:
     """A valley that promises all and falls by 2e-7 of the cost at each step: more than is enough, less than 1e-6."""
     points: list[float] = []

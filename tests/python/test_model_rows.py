@@ -574,14 +574,16 @@ def test_a_start_is_halved_until_it_is_not_far_off() -> None:
     """Six times at most, down to twice the cost without it."""
     start = np.array([5.0, 64.0])
 
-    def nearer(cost: float) -> float:
+    def nearer(cost: float) -> tuple[float, bool]:
         problem: Any = SimpleNamespace(evaluate=lambda theta: (theta[1:], None), residual=lambda theta: theta[1:])
-        return float(fitting._Problem.nearer(problem, start, 1, cost)[1])
+        found, came = fitting._Problem.nearer(problem, start, 1, cost)
+        return float(found[1]), came
 
-    assert nearer(0.5 * 64.0**2) == 64.0
-    assert nearer(0.5 * 64.0**2 - 1.0) == 32.0
-    assert nearer(0.5 * 8.0**2) == 8.0
-    assert nearer(0.0) == 1.0
+    assert nearer(0.5 * 64.0**2) == (64.0, True)
+    assert nearer(0.5 * 64.0**2 - 1.0) == (32.0, True)
+    assert nearer(0.5 * 8.0**2) == (8.0, True)
+    assert nearer(0.5) == (1.0, True)
+    assert nearer(0.49) == (1.0, False)
     assert start.tolist() == [5.0, 64.0]
 
 

@@ -204,7 +204,8 @@ def errors(monkeypatch: pytest.MonkeyPatch) -> Any:
 
     for module in (leftover, misfit):
         monkeypatch.setattr(module, "error", error)
-    case = SimpleNamespace(train=train, test=~train)
+    base = SimpleNamespace(whole_runs=False)
+    case = SimpleNamespace(train=train, test=~train, base=base, dynamics=None)
     noise = SimpleNamespace(sigma=np.ones(1), node=WHITE, known=np.array([True]))
     return SimpleNamespace(case=case, noise=noise, level=0.05)
 
@@ -230,6 +231,25 @@ def test_a_further_formula_pays_where_the_fall_is_no_chance(errors: Any) -> None
     errors.noise.known = np.array([False])  # the sd may hold what is missing: the ratio counts
     assert pays(errors, (0.5, 0.44), (0.5, 0.44 * 1.12))  # type: ignore[arg-type]
     assert not pays(errors, (0.5, 0.44), (0.5, 0.44 * 1.117))  # type: ignore[arg-type]
+
+
+def test_beside_a_body_that_leaves_more_than_noise_a_term_brings_a_tenth_of_it(errors: Any) -> None:
+    """Of 100 rows with 1.3^2 - 1 = 0.69 and 50 with 1.2^2 - 1 = 0.44: 91, of which the held-out rows bring 1 at least
+    in any case; equations of the user's own, and what is at the floor, as ever."""
+    before = (1.3, 1.2)
+
+    def after(fall: float) -> tuple[float, float]:
+        return float(np.sqrt(1.69 - (fall - 1.0) / 100.0)), float(np.sqrt(1.44 - 1.0 / 50.0))
+
+    for whole, dynamics, paid in ((False, None, True), (True, "x' = x", True), (True, None, False)):
+        errors.case.base.whole_runs, errors.case.dynamics = whole, dynamics
+        assert pays(errors, after(9.0), before) == paid  # type: ignore[arg-type]
+        assert pays(errors, after(9.2), before)  # type: ignore[arg-type]
+        assert not pays(errors, (1.0, 1.2), before)  # type: ignore[arg-type]
+    enough = 2.0 * np.log(20.0) / 50.0
+    for share, paid in ((1.01, True), (0.99, False)):
+        held = float(np.sqrt(1.15**2 - share * enough))
+        assert pays(errors, (1.0, held), (1.1, 1.15)) == paid  # type: ignore[arg-type]
 
 
 def test_the_front_goes_on_as_long_as_held_out_rows_gain(errors: Any) -> None:

@@ -314,7 +314,7 @@ def test_a_further_formula_pays_by_the_heldout_error(
 ) -> None:
     held, trained = np.zeros(100, dtype=bool), np.zeros(100, dtype=bool)
     held[:50], trained[50:] = True, True
-    case = SimpleNamespace(test=held, train=trained)
+    case = SimpleNamespace(test=held, train=trained, base=SimpleNamespace(whole_runs=False), dynamics=None)
     monkeypatch.setattr(leftover, "error", lambda fit, rows, _: fit.held if rows is held else fit.train)
     monkeypatch.setattr(leftover, "allowed", lambda count, node: 1.2)
     noise = SimpleNamespace(sigma=np.ones(1), node=SimpleNamespace(share=0.0, rho=0.0), known=np.array([known]))

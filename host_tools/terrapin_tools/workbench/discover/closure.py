@@ -13,7 +13,8 @@ from collections.abc import Container, Sequence
 
 import numpy as np
 
-from terrapin_tools.workbench.discover.expression_answers import pairs_beside
+from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.discover.expression_answers import pairs_beside, paying
 from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
@@ -27,6 +28,7 @@ ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a memb
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
 WITH_TWINS = 3  # answers of which twins are looked for at the end; chosen by hand, for time
+UNTOLD = 2.0  # squared distance of two predictions [noise sd] that nobody can see
 TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
 BESIDE = 6  # members of answers beside which pairs of formulas are looked for; chosen by hand, for time
 PAIRS = 2  # of them that are refitted; chosen by hand, for time
@@ -42,18 +44,31 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     new: list[Hypothesis] = []
     looked_at: set[frozenset[str]] = set()
     beside: set[str] = set()
+    curves: list[Array] = []  # predicted by the answers looked at, of a body over time
+    twins_of: set[frozenset[str]] = set()
     while len(looked_at) < 2 * CENTRES:
-        best = max(h.log_weight for h in known.values())
+        standing = _standing(ranker, list(known.values()))
+        best = max(h.log_weight for h in standing)
         waiting = [
             h
-            for key, h in known.items()
-            if h.effects and key not in looked_at and h.log_weight > best - CLOSE and not absent(h.fit, h.effects)
+            for h in standing
+            if h.effects
+            and frozenset(h.effects) not in looked_at | twins_of
+            and h.log_weight > best - CLOSE
+            and not absent(h.fit, h.effects)
         ]
         if not waiting:
             break
         centre = max(waiting, key=lambda h: h.log_weight)
         if (len(looked_at) >= CENTRES or len(known) - begun > REFITS) and centre.log_weight < best:
             break  # what lies next to the best is looked at in any case
+        if _is_body(ranker):
+            assert centre.fit is not None
+            here = centre.fit.model.bind(ranker.case.inputs, ranker.rows).predict(centre.fit.theta)
+            if any((((here - one) / ranker.sigma[:, None]) ** 2).sum() < UNTOLD for one in curves):
+                twins_of.add(frozenset(centre.effects))  # what lies next to it lies next to the other one
+                continue
+            curves.append(here)
         looked_at.add(frozenset(centre.effects))
         kept = (
             [n for n in centre.effects if n not in beside][: BESIDE - len(beside)]
@@ -73,6 +88,19 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 known[key] = ranker.weighed(names)
                 new.append(known[key])
     return new
+
+
+def _is_body(ranker: Ranker) -> bool:
+    return ranker.case.base.whole_runs and ranker.case.dynamics is None
+
+
+def _standing(ranker: Ranker, known: list[Hypothesis]) -> list[Hypothesis]:
+    """Those that others are built upon. Of a body over time, where each refit takes long, what the held-out runs would
+    not let stand has no neighbours: a motion that no model has in every detail earns term after term."""
+    if not _is_body(ranker):
+        return known
+    least = max(h.log_weight for h in known if len(h.effects) < 2) - CLOSE
+    return paying(ranker, [h for h in known if h.log_weight > least or len(h.effects) < 2])
 
 
 def _of_formulas(ranker: Ranker, centre: Hypothesis) -> bool:

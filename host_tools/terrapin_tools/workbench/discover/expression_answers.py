@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 
@@ -197,10 +198,10 @@ def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 continue
             shorter = [tuple(n for n in h.effects if n != name) for name in own]
             near = not kept or h.log_weight > kept[0].log_weight - WITHIN
-            asked = [known.get(frozenset(n)) or ranker.fit(n) for n in shorter if frozenset(n) in known or near]
-            if every:
-                asked += best[: len(h.effects) - 1][-1:]
-            if not all(pays(ranker.analysis, h.fit, fit) for fit in asked):
+            asked = [known[frozenset(n)] for n in shorter if frozenset(n) in known]
+            asked += best[: len(h.effects) - 1][-1:] if every else []
+            more = (n for n in shorter if frozenset(n) not in known and near)
+            if not all(pays(ranker.analysis, h.fit, fit) for fit in chain(asked, map(ranker.fit, more))):
                 continue
         kept.append(h)
     return kept

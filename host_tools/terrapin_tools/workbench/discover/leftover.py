@@ -49,6 +49,7 @@ SETTINGS = 6  # that are repeated in several runs, to ask what they have in comm
 PULLED = 9.0  # of its variance that a parameter at its bound would gain beyond it: three sd, as usual
 RESTLESS = 2.0  # times the scatter from row to row that what is left may be, of white noise: 1; chosen by hand
 SURELY = 20.0  # times as likely as none, from which a lag is allowed for; chosen by hand, as usual
+PART = 0.1  # of what is left beside a body over time; chosen by hand, as what a term brings beside a curve
 NOISE = 2.0  # standard deviations of the mean square above 1 that noise may explain: the usual two sd
 
 
@@ -247,7 +248,9 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
 
     The error must fall. Where the shorter answer's training and held-out error are within what noise allows, the fall
     must be significant: a likelihood ratio above 1 over the level on the held-out runs. It counts down to the
-    floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect.
+    floor only. An error below 1 is luck, or a noise sd that is stated too large; it shows no effect. Where a body over
+    time leaves more than that, the fall over all runs must be PART of what is left there: they repeat a motion that no
+    term explains, and less may be a piece of it.
 
     An estimated sd may be too large itself and hold a part of what is missing. There what counts, too, is the ratio of
     the two errors, whatever the sd: it must be significant, and the shorter answer must leave a misfit of half the
@@ -265,6 +268,12 @@ def pays(analysis: Analysis, longer: Fit, shorter: Fit) -> bool:
     held = len(sigma) * int(case.test.sum())
     at_floor = train**2 <= allowed(len(sigma) * int(case.train.sum()), node) and before**2 <= allowed(held, node)
     enough = -np.log(analysis.level) / _independent(held, node)
+    if not at_floor and case.base.whole_runs and case.dynamics is None:
+        now = error(longer, case.train, sigma)
+        assert now is not None
+        counts = np.array([case.train.sum(), case.test.sum()])
+        falls, above = [train**2 - now**2, before**2 - after**2], [train**2 - 1.0, before**2 - 1.0]
+        return bool(counts @ falls >= PART * (counts @ above))
     if not at_floor or 0.5 * (before**2 - max(after**2, 1.0)) > enough:
         return True
     ratio = before / max(after, 1e-300)

@@ -167,9 +167,10 @@ class _Problem:
         stop = self.enough, self.aim, self.edge, self.ahead, self.floor
         return minimise(self.evaluate, self.residual, start, lower, upper, free, *stop)
 
-    def nearer(self, start: Array, size: int, cost: float) -> Array:
+    def nearer(self, start: Array, size: int, cost: float) -> tuple[Array, bool]:
         """The start with its size halved until the cost is at most OFF times that without it: along the derivatives a
-        size may look fine that sends a body off, to where each solution takes a hundred times as long."""
+        size may look fine that sends a body off, to where each solution takes a hundred times as long. And whether it
+        came so near."""
         residual = self.evaluate(start)[0]
         for _ in range(HALVED):
             if float(residual @ residual) <= OFF * cost:
@@ -177,7 +178,7 @@ class _Problem:
             start = start.copy()
             start[size] *= 0.5
             residual = self.residual(start)
-        return start
+        return start, float(residual @ residual) <= OFF * cost
 
     def residual(self, theta: Array) -> Array:
         prediction = self.bound.predict(theta)
@@ -219,7 +220,9 @@ def fit_model(
     best, best_cost = np.clip(model.start, model.lower, model.upper), np.inf
     for start in starts:
         if absent is not None:
-            start = problem.nearer(start, *absent)
+            start, came = problem.nearer(start, *absent)
+            if not came and best_cost < absent[1]:
+                continue  # one that sends the body off however small, beside one that leads somewhere
         theta, cost = problem.minimum(start, ~whole)
         if model.case.base.whole_runs:  # further starts need not crawl far above it
             problem.aim = min(problem.aim, cost)
