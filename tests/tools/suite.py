@@ -35,9 +35,7 @@ FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that 
 NO_TESTS = 5  # pytest's exit status
 # Examples of the door run in tests/python/test_door.py, with its names at hand and in a folder of their own.
 DOOR = "--ignore=host_tools/terrapin_tools/door"
-# conftest.py holds no examples; read as modules, two of one name collide where their files are named one by one.
-FIXTURES = "--ignore-glob=*/conftest.py"
-PYTEST = ["-q", "--doctest-modules", DOOR, FIXTURES, "--durations=20", "--durations-min=5"]
+PYTEST = ["-q", "--doctest-modules", DOOR, "--durations=20", "--durations-min=5"]
 
 
 def probe(function: str) -> bool:

@@ -34,6 +34,7 @@ def covers(entry: str, name: str) -> bool:
     return name == entry or name.startswith((f"{entry}/", f"{entry}::", f"{entry}["))
 
 
+@cache
 def tier(name: str) -> str:
     """The tier of a test, or of all that a file holds, by pytest's name of it."""
     return "rest" if any(covers(entry, name) for entry in rest()) else "test"
@@ -59,6 +60,16 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             return together(nodeid)
 
     return ByFile(config, log)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Read by each worker, run by none: files of the rest alone, and what is no test and has no examples."""
+    if collection_path.suffix != ".py" or not collection_path.is_relative_to(LIST.parents[1]):
+        return None
+    if not collection_path.name.startswith("test_"):
+        return b">>> " not in collection_path.read_bytes() or None
+    name = collection_path.relative_to(LIST.parents[2]).as_posix()
+    return (config.getoption("--tier") == "test" and tier(name) == "rest") or None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

@@ -10,9 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.integrate import cumulative_trapezoid
-from scipy.ndimage import median_filter
-from scipy.signal import lombscargle
 from scipy.special import gammaincc
 
 from terrapin_hil.arrays import Array
@@ -72,7 +69,7 @@ def _along(analysis: Analysis, speed: str, unit: str) -> list[HiddenPeriod]:
         own = case.run[rows] == run
         t, v = time[rows][own], case.inputs[speed][rows][own]
         if own.sum() >= ROWS and (np.diff(t) > 0.0).all():
-            way = cumulative_trapezoid(v, t, initial=0.0)
+            way = np.concatenate([[0.0], np.cumsum(np.diff(t) * (v[1:] + v[:-1]) / 2.0)])  # by trapezoids
             if np.ptp(way) > 0.0:
                 ways.append((way, analysis.residual[:, own] / analysis.noise.sigma[:, None]))
     if not ways:
@@ -101,6 +98,9 @@ def _power(way: Array, left: Array, rates: Array) -> Array:
     seen = (rates * length >= WAVES) & (rates * length * EACH <= way.size)
     if seen.sum() < AROUND:
         return found
+    from scipy.ndimage import median_filter
+    from scipy.signal import lombscargle  # takes a second, and a case needs a column of speed to come here
+
     trend = np.polynomial.Polynomial.fit(way, left, 1)
     share = lombscargle(way, left - trend(way), 2.0 * np.pi * rates[seen], normalize=True, floating_mean=True)
     power = -0.5 * (way.size - 3) * np.log1p(-np.clip(share, 0.0, 1.0 - 1e-12))

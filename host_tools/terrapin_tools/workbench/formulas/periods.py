@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection
 
 import numpy as np
-from scipy.signal import lombscargle
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.bases import free_name
@@ -38,6 +37,8 @@ def waves(name: str, values: Array, unit: str, left: Array, taken: Collection[st
     most = min(OF_ROWS * len(known), MOST)
     if unit not in (*TURNS, *LENGTHS) or most <= FEWEST:
         return []
+    from scipy.signal import lombscargle  # takes a second, which what has no such column need not wait
+
     some = slice(None, None, -(-values.size // ROWS))
     place, rest = values[some] - values.min(), left[:, some]
     rate = 2.0 * np.pi / span * np.arange(FEWEST, most, 1.0 / STEPS)  # rad per unit of the column
