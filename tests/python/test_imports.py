@@ -77,6 +77,13 @@ def test_what_a_run_imports_of_others_is_compiled(tmp_path: Path) -> None:
     assert not missing
 
 
+def test_the_server_starts_without_the_workbench() -> None:
+    """Its processes have that (web/service/warm.py): else whoever opens the page waits for SciPy twice."""
+    program = "import sys, terrapin_tools.web.server; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
+    assert not {"scipy", "pandas", "pint", "can", "matplotlib"} & others(set(done.stdout.split()))
+
+
 def test_what_is_planted_is_seen(tmp_path: Path) -> None:
     """The test can fail: a scenario in a rare unit needs pint, and a soil's constants too."""
     scenario = tmp_path / "rare.toml"

@@ -11,18 +11,17 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
+from terrapin_hil.arrays import Array, thin
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.model.data_columns import numeric_columns
-from terrapin_tools.workbench.story.plot_data import Drawn, thin
+
+if TYPE_CHECKING:
+    from terrapin_tools.workbench.story.plot_data import Drawn
 
 __all__ = ["Box", "keep", "within"]
-
-Array = npt.NDArray[np.float64]
 
 MOST_ROWS = 10_000  # of one answer
 MOST_FILES = 4  # each some 8 bytes a row and column; the oldest make way
@@ -45,6 +44,8 @@ def keep(path: Path, drawn: Drawn, plot: Mapping[str, Any]) -> None:
     """Writes what `plot` is thinned from, float64, a line for each of `_names(plot)`; nothing where nothing is."""
     if plot["kept"] == plot["rows"]:
         return
+    from terrapin_tools.workbench.model.data_columns import numeric_columns  # the workbench, which a server has not
+
     columns, run = numeric_columns(drawn.case), drawn.case.run[drawn.rows]
     found = {f"column {name}": columns[name][drawn.rows] for name in plot["columns"] if name != "row"}
     found["run"] = np.searchsorted(np.unique(run), run).astype(np.float64)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil.arrays import thin
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.comparison import Analysis, predict
 from terrapin_tools.workbench.compare.refit import refit
@@ -17,7 +17,7 @@ from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.story.answer import places
 from terrapin_tools.workbench.story.story import Place, Rung, Story
 
-__all__ = ["CARDS", "MAX_ROWS", "Drawn", "Preview", "drawn_data", "page_data", "previews", "thin"]
+__all__ = ["CARDS", "MAX_ROWS", "Drawn", "Preview", "drawn_data", "page_data", "previews"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -138,20 +138,6 @@ def _order(drawn: Drawn, where: Sequence[Place], columns: dict[str, Array]) -> l
     wanted = [place.variable for place in where]
     wanted += [role for role in (*case.base.needs, *case.roles, *case.extra) if role in columns]
     return [n for n in dict.fromkeys(wanted) if n in columns and np.ptp(columns[n][drawn.rows]) > 0][:MAX_COLUMNS]
-
-
-def thin(scaled: Array, limit: int) -> npt.NDArray[np.int64]:
-    """Rows to draw: all, or of equal stretches the two with the lowest and highest residual, so that none hides."""
-    count = scaled.shape[1]
-    if count <= limit:
-        return np.arange(count)
-    edges = np.linspace(0, count, max(1, limit // (2 * len(scaled))) + 1).astype(int)
-    kept = set()
-    for channel in scaled:
-        for low, high in pairwise(edges.tolist()):
-            if high > low:
-                kept |= {low + int(np.argmin(channel[low:high])), low + int(np.argmax(channel[low:high]))}
-    return np.array(sorted(kept))
 
 
 def _heat(
