@@ -52,7 +52,7 @@ def test_nothing_is_said_where_nobody_reads(
 
 
 def test_discover_says_what_it_does_before_it_imports_what_takes_seconds(tmp_path: Path) -> None:
-    case = shutil.copytree(ROOT / "cases/forced_slip_sand", tmp_path / "case")
+    case = shutil.copytree(ROOT / "cases/plates_in_soil", tmp_path / "case")
     watched = (
         "import sys\n"
         "class Finder:\n"
