@@ -32,12 +32,13 @@ from terrapin_tools.workbench.compare.bayes_factor import blocks_of
 from terrapin_tools.workbench.compare.comparison import _base_starts, analyse
 from terrapin_tools.workbench.compare.input_noise import _column, undecided
 from terrapin_tools.workbench.compare.intervals import _side
-from terrapin_tools.workbench.compare.noise_findings import noise_findings
+from terrapin_tools.workbench.compare.noise_findings import far_above_stated, noise_findings
 from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import NODES, Node
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 from terrapin_tools.workbench.noise.mishaps import Mishap
+from terrapin_tools.workbench.noise.stated import FAR
 from tests.python.casekit import of_formula
 
 WHITE = Node(0.0, 0.0, 0.0, 0.0, 1.0)
@@ -411,6 +412,11 @@ def test_an_instrument_that_lags_takes_something_off_in_most_runs() -> None:
     assert comparison._lags(run, (late + noise + 5.0 * slope)[None], slopes, mishap)
     alone = np.where(run == 2, 5.0 * late, 0.0) + noise
     assert not comparison._lags(run, alone[None], slopes, mishap)
+    # of two channels each has a column
+    both: Any = SimpleNamespace(columns=np.kron(np.eye(2), late[:, None]))
+    two = np.concatenate([slopes, 0.0 * slopes])
+    assert comparison._lags(run, np.stack([noise, late + noise]), two, both)
+    assert not comparison._lags(run, np.stack([noise, alone]), two, both)
 
 
 @pytest.mark.parametrize("holds", [True, False])
@@ -540,3 +546,20 @@ def test_rows_that_stand_alone_are_left_out_up_to_a_twentieth(
     with pytest.raises(Stop):
         comparison._analysed(case, 0, 0.01, 1, fitted(case, 0), case.test)
     assert left[-1] == 100 - left_out
+
+
+@pytest.mark.parametrize(("rows", "high"), [(19, 1.0), (20, 0.0)])
+def test_a_stretch_has_a_twentieth_of_the_rows_at_least(rows: int, high: float) -> None:
+    """Levels of a plan stay whole: to one that is too small the next one is taken."""
+    u = np.repeat([0.0, 1.0, 2.0], [rows, 30, 370 - rows])
+    left = np.where(u == 0.0, 5.0, 0.0)[None]
+    found = failure_on(SimpleNamespace(roles={}), "u", u, left, 0, np.ones(400, dtype=bool), ("f",), 1.0)  # type: ignore[arg-type]
+    assert (found.low, found.high) == (0.0, high)
+
+
+def test_noise_far_above_its_stated_sd_is_told_of_channels_that_state_one() -> None:
+    noise = SimpleNamespace(
+        known=np.array([True, False, True, True]), ratio=np.array([FAR, 9.0 * FAR, 1.01 * FAR, 1.0])
+    )
+    analysis: Any = SimpleNamespace(model=SimpleNamespace(channels=("f", "g", "h", "i")), noise=noise)
+    assert far_above_stated(analysis) == ("h",)
