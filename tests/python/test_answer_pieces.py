@@ -853,11 +853,11 @@ def _planting(monkeypatch: pytest.MonkeyPatch, answers: Sequence[tuple[str, str,
 def test_planted_effects_are_counted_by_what_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     drag, push, nothing = ("missing", "drag", ""), ("missing", "push", ""), ("adequate", "", "")
     answers = [push, nothing, ("ambiguous", "drag", "drag,push"), drag, push, ("missing", "push drag", ""),
-        drag, ("ambiguous", "drag", "drag,push drag")]  # fmt: skip
+        ("partial", "push", ""), drag, ("ambiguous", "drag", "drag,push drag")]  # fmt: skip
     found, asked = _planting(monkeypatch, answers, scales=[1.0])
-    assert (found.draws, found.noticed, found.named, found.tied, found.fails) == (8, 7, 2, 1, True)
-    assert found.others == (("drag", 3), ("adequate", 1), ("drag + push", 1))
-    assert asked == [(1.0, 2.0, 5 + i, 0.01) for i in range(8)]
+    assert (found.draws, found.noticed, found.named, found.tied, found.fails) == (9, 8, 2, 1, True)
+    assert found.others == (("drag", 3), ("adequate", 1), ("drag + push", 1), ("push and more", 1))
+    assert asked == [(1.0, 2.0, 5 + i, 0.01) for i in range(9)]
     assert (found.size, found.unit, found.size_in_sd) == (2.0, "N", 2.0)
     assert found.beyond_in_sd == pytest.approx(2.0 * np.sqrt(0.75))  # less its mean, which the model can hold
 

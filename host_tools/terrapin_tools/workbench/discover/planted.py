@@ -197,4 +197,4 @@ def _words(verdict: str, missing: tuple[str, ...]) -> str:
     if verdict in ("adequate", "unexplained"):
         return verdict
     own = ["a formula" if name.startswith("expression_") else name for name in missing]
-    return " + ".join(sorted(own))
+    return " + ".join(sorted(own)) + (" and more" if verdict == "partial" else "")
