@@ -11,4 +11,5 @@ foreach(board IN LISTS F405_BOARDS)
     target_compile_definitions(${image} PRIVATE TERRAPIN_BOARD="$<IF:$<STREQUAL:${board},emulated>,boards/emulated.h,terrapin_board.h>")
     f405_link(${image} 0x08000000 0 0x3FC0) # the linker refuses more than the sector's 16 kB less the link key's place
     add_custom_command(TARGET ${image} POST_BUILD COMMAND ${TARGET_SIZE} $<TARGET_FILE:${image}> VERBATIM)
+    add_dependencies(images-${board} ${image})
 endforeach()

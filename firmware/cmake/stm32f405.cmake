@@ -28,6 +28,7 @@ add_library(boot_client STATIC $<TARGET_OBJECTS:boot_objects>)
 
 set(F405_IMAGES "")
 foreach(board IN LISTS F405_BOARDS)
+    add_custom_target(images-${board}) # those of one board and its boot loader, for `terrapin image build`
     add_library(f405_${board} OBJECT ${F405_DIR}/main.c ${F405_DIR}/hardware.c ${F405_DIR}/port.c ${F405_DIR}/phases.c ${F405_DIR}/health.c ${F405_DIR}/link_key.c ${F405_DIR}/analog.c
         ${F405_DIR}/bridge.c ${F405_DIR}/encoder.c ${F405_DIR}/reset_cause.c
         ${F405_DIR}/spi.c ${F405_DIR}/imu.c ${F405_DIR}/imu_bus.c ${F405_DIR}/swing.c)
@@ -52,6 +53,7 @@ foreach(board IN LISTS F405_BOARDS)
             target_link_libraries(${image} PRIVATE boot_client)
             f405_link(${image} ${origin} ${header} ${limit})
             list(APPEND F405_IMAGES ${image})
+            add_dependencies(images-${board} ${image})
         endforeach()
     endforeach()
 endforeach()

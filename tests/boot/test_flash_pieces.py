@@ -832,7 +832,7 @@ def built(monkeypatch: pytest.MonkeyPatch, sources: Path, makes: Sequence[str], 
         ran.append(words)
         if "--build" in words:
             for name in makes:
-                Path(words[-1], name).write_bytes(name.encode())
+                Path(words[2], name).write_bytes(name.encode())
 
     monkeypatch.setattr(build, "_run", run)
     monkeypatch.setattr("terrapin_hil.paths.sources", lambda: sources)
@@ -852,7 +852,7 @@ def test_the_images_of_a_robot_are_built_and_copied(tmp_path: Path, monkeypatch:
     (configured, made) = ran
     assert configured[:5] == ("cmake", "--preset", "cortex-m4", "-B", place)
     assert f"-DTERRAPIN_ROBOT={find_robot('roller').resolve()}" in configured
-    assert made == ("cmake", "--build", place)
+    assert made == ("cmake", "--build", place, "--target", "images-f405_h_bridge")
     other = set_fields(tmp_path / "carrier.toml", BOARD, {"number": 101})
     names, ran = built(monkeypatch, tmp_path, ["terrapin-carrier-slot-a.bin"], board=str(other))
     assert names == ["terrapin-carrier-slot-a.bin"]

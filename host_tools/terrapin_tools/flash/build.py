@@ -90,7 +90,7 @@ def build_images(name: str, board: str, to: Path) -> list[Path]:
     log = place / "failed.log"
     _run(sources, log, "cmake", "--preset", "cortex-m4", "-B", str(place), f"-DPython3_EXECUTABLE={sys.executable}",
          f"-DTERRAPIN_ROBOT={file}")  # fmt: skip
-    _run(sources, log, "cmake", "--build", str(place))
+    _run(sources, log, "cmake", "--build", str(place), "--target", f"images-{robot.board.name}")
     stem = robot.board.name.replace("_", "-")
     built = sorted((*place.glob(f"terrapin-{stem}-*.bin"), *place.glob(f"terrapin-boot-{stem}.bin")))
     to.mkdir(parents=True, exist_ok=True)
