@@ -302,10 +302,15 @@ export class Strip {
     }
     pen.fillStyle = colours[lane.colour];
     const drawn = bars(found, Boolean(lane.words), made.bars);
+    /** @param {{ x: number, wide: number }} bar */
+    const when = (bar) => begin + (bar.x + bar.wide) / this.ratio / this.wide * this.seconds;
+    /** @param {number} time */
+    const isValid = (time) => !lane.valid || lane.valid.at(time) !== 0;
     if (lane.sd) { // two standard deviations on either side
       pen.globalAlpha = 0.2;
       for (const bar of drawn) {
-        const wide = 2 * (lane.sd.at(begin + (bar.x + bar.wide) / this.ratio / this.wide * this.seconds) ?? 0);
+        if (!isValid(when(bar))) continue;
+        const wide = 2 * (lane.sd.at(when(bar)) ?? 0);
         const over = Math.max(top + TITLE, y(bar.high + wide)), under = Math.min(base, y(bar.low - wide));
         pen.fillRect(this.left + bar.x / this.ratio, over, bar.wide / this.ratio, Math.max(0, under - over));
       }
@@ -313,8 +318,10 @@ export class Strip {
     }
     for (const bar of drawn) {
       const over = y(bar.high) - THICK / 2;
+      pen.globalAlpha = isValid(when(bar)) ? 1 : 0.3;
       pen.fillRect(this.left + bar.x / this.ratio, over, bar.wide / this.ratio, y(bar.low) + THICK / 2 - over);
     }
+    pen.globalAlpha = 1;
     /** @type {[Column[], string][]} */
     const over = [[other, '--mute'], [truth, '--ink']];
     for (const [one, colour] of over) {
@@ -325,7 +332,7 @@ export class Strip {
     const truly = lane.truth?.at(this.cursor ?? end);
     /** @param {number | null | undefined} value */
     const says = (value, sd = 0) => (lane.places === undefined ? quantity(value, lane.unit, sd) : fixed(value, lane.places));
-    const valid = !lane.valid || lane.valid.at(this.cursor ?? end) !== 0;
+    const valid = isValid(this.cursor ?? end);
     const said = !valid ? 'not valid' : shown === null ? '–' : lane.words ? lane.words[shown] ?? number(shown) : says(shown, (lane.sd?.at(this.cursor ?? end) ?? 0) * 2);
     pen.textAlign = 'left';
     pen.fillStyle = colours[lane.colour];
