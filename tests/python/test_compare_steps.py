@@ -126,6 +126,7 @@ def test_columns_are_told_by_what_they_gain_strongest_first() -> None:
     assert told({**gain, "constant::1": 5.5})[0] == told({**gain, "constant::1": 5.0})[0] == ("b", "y", 9.0)
     assert told({**gain, "constant::1": 4.9})[0] == ("b", "y", 11.0)
     assert told({"column:c:0": -3.0, "column:d:0": -4.0}) == [("c", "x", -3.0)]  # one is told at least
+    assert told({"column:a:0": 5.0, "column:a:1": 4.0}) == [("a", "x", 5.0), ("a", "y", 4.0)]
     many = {f"column:{name}:0": 10.0 + place for place, name in enumerate("abcdefg")}
     assert [name for name, *_ in told(many)] == list("gfedc")
     assert [name for name, *_ in told(many, 2)] == list("gf")
