@@ -233,6 +233,10 @@ WRONG = [
         ["case.toml:23", "data.test", "r01", "in train and in test"],
     ),
     (_text('column = "w"', 'column = "q"'), ["case.toml:24", "data.columns.omega.column", "'q'", "runs.csv"]),
+    (
+        _text('column = "W"', 'column = "w"'),
+        ["case.toml:25", "data.columns.load.column", "is mapped as omega in rpm too"],
+    ),
     (_text('unit = "rpm"', 'unit = "kg"'), ["case.toml:24", "data.columns.omega.unit", "rad/s"]),
     (_text('unit = "rpm"', 'unit = "wobbles"'), ["case.toml:24", "wobbles"]),
     (_text(', unit = "rpm"', ""), ["case.toml:24", "data.columns.omega.unit", "missing"]),

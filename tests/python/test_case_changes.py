@@ -1,0 +1,275 @@
+"""What is changed in case.toml, as text, and what is told of columns that were read: piece by piece."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.case import changes, columns, intake
+from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
+from terrapin_tools.workbench.case.mends import Mend, earlier, mended, told_mends
+
+CASE = """# what the user wrote
+[case]
+title = "wheel"
+guessed = ["parameters.radius", "parameters.mass"]
+[model]
+base = "rolling_steady"
+effects = ["drag"]  # keep
+[parameters]
+radius = "80 mm"
+mass = 3.0
+[data]
+files = ["runs.csv"]
+[data.columns]
+omega = { column = "speed", unit = "rad/s", factor = 0.5 }
+load = { column = "load", unit = "N" }
+"""
+
+
+def test_a_constant_is_set_and_no_longer_guessed() -> None:
+    found = changes.set_constant(CASE, "radius", "81 mm")
+    assert found == CASE.replace('"80 mm"', '"81 mm"').replace('"parameters.radius", ', "")
+    assert changes.set_constant(CASE, "mass", "4") == CASE.replace("mass = 3.0", "mass = 4.0").replace(
+        ', "parameters.mass"', ""
+    )
+    plain = CASE.replace('guessed = ["parameters.radius", "parameters.mass"]\n', "")
+    assert changes.set_constant(plain, "mass", "4") == plain.replace("3.0", "4.0")
+    with pytest.raises(UserError, match=r"found 'width', expected a constant of \[parameters\]: radius, mass"):
+        changes.set_constant(CASE, "width", "1")
+    with pytest.raises(UserError, match=r"expected a constant of \[parameters\]: none"):
+        changes.set_constant('[case]\ntitle = "x"\n', "mass", "1")
+    with pytest.raises(UserError, match=r"expected a constant of \[parameters\]: none"):
+        changes.set_constant('parameters = ["mass"]\n[case]\ntitle = "x"\n', "mass", "1")
+
+
+def test_runs_are_held_out_by_name() -> None:
+    runs = ["a", "b", "c"]
+    assert 'test = ["b"]' in changes.hold_out(CASE, ["b"], runs)
+    assert "train" not in changes.hold_out(CASE, ["b"], runs)
+    listed = CASE.replace('files = ["runs.csv"]', 'files = ["runs.csv"]\ntrain = ["a"]\ntest = ["c"]')
+    found = changes.hold_out(listed, ["b"], runs)
+    assert 'train = ["a", "c"]' in found
+    assert 'test = ["b"]' in found
+    with pytest.raises(UserError, match="run 'd' is not in the data, expected one of a, b, c"):
+        changes.hold_out(CASE, ["b", "d"], runs)
+
+
+def test_a_wrong_constant_is_freed_within_reason() -> None:
+    """From a fifth to five times; with its unit where it has one, beside what is fitted already."""
+    stated = {"mass": (3.0, ""), "radius": (-0.08, "m")}
+    found = changes.extended(CASE, stated, ["constant.mass"], {})
+    assert "mass = 3.0\n" not in found
+    assert "[fit]\nmass = {value = 3.0, min = 0.6, max = 15.0}" in found
+    found = changes.extended(CASE + "[fit]\nk = { value = 1.0 }\n", stated, ["constant.radius"], {})
+    assert 'radius = {value = -0.08, min = -0.4, max = -0.016, unit = "m"}' in found
+    assert "k = { value = 1.0 }" in found
+    assert found.count("[fit]") == 1
+    with pytest.raises(
+        UserError, match=r"found constant\.width, expected a constant of \[parameters\]: one of mass, radius"
+    ):
+        changes.extended(CASE, stated, ["constant.width"], {})
+
+
+def test_a_column_at_fault_is_mended_as_discover_says() -> None:
+    """A factor that stands there is multiplied."""
+    mend = OwnEffect("", None, mend={"factor": 3.0, "delay": 2})
+    found = changes.extended(CASE, {}, ["table.omega.scale"], {"table.omega.scale": mend})
+    assert 'omega = { column = "speed", unit = "rad/s", factor = 1.5, delay = 2 }'.replace(" ", "") in found.replace(
+        " ", ""
+    )
+    assert 'effects = ["drag"]  # keep' in found
+    found = changes.extended(CASE, {}, ["table.load.scale"], {"table.load.scale": mend})
+    assert "factor=3.0,delay=2" in found.replace(" ", "")
+    for own in ({}, {"table.load.scale": OwnEffect("", None)}):
+        with pytest.raises(UserError, match="expected what terrapin discover named last"):
+            changes.extended(CASE, {}, ["table.load.scale"], own)
+
+
+def test_effects_are_added_beside_mends_and_constants() -> None:
+    mend = OwnEffect("", None, mend={"delay": 2})
+    own = {"table.load.delay": mend, "mine": OwnEffect("k*x", None, {"k": OwnParameter(1.0, 0.0, None, "N")})}
+    names = ["table.load.delay", "constant.mass", "gear", "mine"]
+    found = changes.extended(CASE, {"mass": (3.0, "")}, names, own)
+    assert 'effects = ["drag", "gear", "mine"]  # keep' in found
+    assert '[effect.mine]\nexpression = "k*x"\nk = {value = 1.0, min = 0.0, unit = "N"}\n' in found
+    assert "target" not in found
+    assert "[effect.table" not in found
+    bare = CASE.replace('effects = ["drag"]  # keep\n', "")
+    assert 'effects = ["gear"]' in changes.add_effects(bare, ["gear"], {})
+    two = changes.add_effects(found, ["other"], {"other": OwnEffect("k", "y", {"k": OwnParameter(2.0, None, 9.0)})})
+    assert '[effect.other]\nexpression = "k"\ntarget = "y"\nk = {value = 2.0, max = 9.0}\n' in two
+    assert "[effect.mine]" in two
+    assert changes.remove_effect(two, "mine").count("mine") == 1  # its table stays
+    without = changes.without_own(two, "mine")
+    assert "mine" not in without
+    assert "[effect.other]" in without
+    unused = changes.without_own(changes.remove_effect(two, "mine"), "mine")
+    assert unused == without
+    with pytest.raises(UserError, match="found 'mine', expected an effect of your own: other"):
+        changes.without_own(without, "mine")
+    with pytest.raises(UserError, match="expected an effect of your own: none"):
+        changes.without_own(CASE, "mine")
+
+
+def test_entries_stand_in_a_line_each_without_what_is_empty() -> None:
+    table = changes.inline_tables(
+        {"a": {"column": "x", "unit": "", "sigma": None, "factor": 0.0}, "b": {"column": "y"}}
+    )
+    assert table.as_string() == 'a = {column = "x", factor = 0.0}\nb = {column = "y"}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [("k=1", OwnParameter(1.0)), (" k = 1:: ", OwnParameter(1.0)), ("k=1:0:", OwnParameter(1.0, 0.0)),
+     ("k=1::5:m", OwnParameter(1.0, None, 5.0, "m")), ("k=1:0:5: N m ", OwnParameter(1.0, 0.0, 5.0, "N m"))],
+)  # fmt: skip
+def test_a_parameter_has_a_start_bounds_and_a_unit(text: str, found: OwnParameter) -> None:
+    assert changes.parse_parameter(text) == ("k", found)
+
+
+def test_a_current_is_a_magnitude_where_it_has_one_sign_and_the_motion_both() -> None:
+    """Each way in a fiftieth of the rows at least; the columns are found by what they are told to be."""
+    both = np.where(np.arange(100) < 2, -1.0, 1.0)
+    few = both.copy()
+    few[0] = 0.0
+
+    def told(omega: Any, current: Any, roles: dict[str, str] | None = None) -> list[str]:
+        return intake.unsigned({"omega": omega, "current": current}, roles or {})
+
+    assert told(both, np.ones(100)) == [
+        "current has one sign only although omega takes both: it seems to be a magnitude that lost its sign."
+    ]
+    assert told(-both, -np.ones(100)) != []
+    assert told(both, np.abs(both) * (both > 0.0)) != []
+    assert told(few, np.ones(100)) == told(-few, np.ones(100)) == told(both, both) == told(both, -both) == []
+    values = {"v": both, "i": np.ones(100)}
+    assert intake.unsigned(values, {"speed": "v", "current": "i"})[0].startswith("i has one sign only although v")
+    assert intake.unsigned(values, {"direction": "v", "current": "i"})[0].startswith("i has one sign only although v")
+    assert intake.unsigned(values, {"speed": "v"}) == intake.unsigned(values, {"current": "i"}) == []
+
+
+def test_gaps_are_counted_by_column_and_the_first_is_named() -> None:
+    nan = np.nan
+    given = {"a": np.array([1.0, nan, nan]), "b": np.array([1.0, nan, 2.0]), "c": np.ones(3)}
+    found = intake.gaps(given, np.array([True, False, False]), ["d", "e"], lambda row: f"runs.csv:{row + 2}")
+    assert found == [
+        "2 of 3 rows left out: no number in a mapped column (a 2, b 1). The first is runs.csv:3.",
+        "Not looked at, for gaps: d, e.",
+    ]
+    assert intake.gaps({"c": np.ones(3)}, np.ones(3, dtype=bool), [], str) == []
+
+
+def test_what_was_assumed_is_told_once_for_files_alike(tmp_path: Path) -> None:
+    def table(name: str, *notes: str, first: str = "a,b\n") -> Any:
+        (tmp_path / name).write_text(first)
+        return SimpleNamespace(path=tmp_path / name, notes=notes)
+
+    given = [table("a.csv", "read as UTF-16", "comma"), table("b.csv"), table("c.csv", "read as UTF-16", "comma"),
+        table("d.csv", first="# assumed: merged\na,b\n"), table("e.txt", first="# assumed: merged\n")]  # fmt: skip
+    assert intake.assumed(given) == ["a.csv and 1 more: read as UTF-16; comma.", "d.csv: merged."]
+    assert intake.assumed(given[1:2]) == []
+
+
+def test_a_late_column_is_taken_earlier_within_its_run() -> None:
+    run = np.array([0, 0, 0, 1, 1])
+    values = np.arange(5.0)
+    np.testing.assert_array_equal(earlier(values, run, 1), [1.0, 2.0, np.nan, 4.0, np.nan])
+    np.testing.assert_array_equal(earlier(values, run, 2), [2.0, np.nan, np.nan, np.nan, np.nan])
+    for delay in (4, 5, 9):
+        assert np.isnan(earlier(values, run, delay)).all()
+    np.testing.assert_array_equal(
+        earlier(values, np.zeros(5, dtype=np.int64), 4), [4.0, np.nan, np.nan, np.nan, np.nan]
+    )
+
+
+def test_a_sign_is_given_before_a_factor() -> None:
+    values = {"i": np.array([1.0, -2.0, 3.0]), "w": np.array([-1.0, 5.0, 0.0]), "f": np.ones(3)}
+
+    def complain(text: str, *path: str) -> UserError:
+        return UserError(f"{'.'.join(path)}: {text}")
+
+    tables: Any = SimpleNamespace(complain=complain)
+    found = mended(tables, values, {"i": Mend(-2.0, "w"), "f": Mend(), "w": Mend(10.0)})
+    assert found["i"].tolist() == [2.0, -4.0, 0.0]
+    assert found["w"].tolist() == [-10.0, 50.0, 0.0]
+    assert found["f"] is values["f"]
+    for other in ("i", "gone"):
+        with pytest.raises(UserError, match=rf"data\.columns\.i\.sign_of: found '{other}', expected one of w, f"):
+            mended(tables, values, {"i": Mend(1.0, other)})
+    assert told_mends({"i": Mend(0.5, "w", 2), "w": Mend(delay=1), "f": Mend()}) == [
+        "i is multiplied by 0.5 and given the sign of w and taken 2 rows later, as case.toml asks.",
+        "w is taken 1 row later, as case.toml asks.",
+    ]
+
+
+def test_runs_stand_in_the_order_of_their_numbers() -> None:
+    assert sorted(["r10", "r2", "r1b", "r1a", "q3"], key=columns._in_order) == ["q3", "r1a", "r1b", "r2", "r10"]
+
+
+def _split(names: list[str], held: list[str], **listed: list[str]) -> tuple[list[str], list[str]]:
+    def complain(text: str, *path: str) -> UserError:
+        return UserError(f"{'.'.join(path)}: {text}")
+
+    tables: Any = SimpleNamespace(
+        get=lambda _, key: listed.get(key), texts=lambda _, key: listed[key], complain=complain
+    )
+    return columns.split_runs(tables, names, held)
+
+
+def test_runs_are_trained_on_or_held_out_as_the_case_says() -> None:
+    names = ["a", "b", "c"]
+    assert _split(names, ["b"]) == (["a", "c"], ["b"])
+    assert _split(names, ["b"], test=["c"]) == (["a", "b"], ["c"])
+    assert _split(names, ["b"], train=["c"]) == (["c"], ["a", "b"])
+    assert _split(names, ["b"], train=["c"], test=["a"]) == (["c"], ["a"])
+    assert _split(names, [], test=[]) == (names, [])
+    for listed, told in (
+        ({"train": ["d"]}, r"data\.train: run 'd' is not in the data, expected one of a, b, c"),
+        ({"test": ["a", "d"]}, r"data\.test: run 'd' is not"), ({"train": []}, r"data\.train: found an empty list"),
+        ({"train": ["a", "b"], "test": ["c", "b", "a"]}, r"data\.test: run 'a' is in train and in test"),
+        ({"test": names}, r"data\.train: found an empty list, expected at least one run"),
+    ):  # fmt: skip
+        with pytest.raises(UserError, match=told):
+            _split(names, [], **listed)
+    with pytest.raises(UserError, match="the only run 'a' would be held out"):
+        _split(["a"], ["a"])
+
+
+def test_columns_that_are_not_mapped_are_numbers_have_gaps_or_are_text() -> None:
+    class Table:
+        def __init__(self, **given: Any) -> None:
+            self.columns = {name: np.array(values, dtype=object) for name, values in given.items()}
+
+        def numbers(self, name: str, gaps: bool) -> Any:
+            try:
+                return np.array([np.nan if cell == "" else float(cell) for cell in self.columns[name]])
+            except ValueError:
+                raise UserError(name) from None
+
+    first = Table(x=["1", "2"], q=["3", "4"], gap=["", "4"], none=["", ""], text=["a", "b"], one=["1", "2"])
+    second = Table(x=["1"], q=["5"], gap=["6"], none=[""], text=["b"])
+    given: Any = [first, second]
+    extra, sparse, text = columns._extra(given, {"x"})
+    assert {name: values.tolist() for name, values in extra.items()} == {"q": [3.0, 4.0, 5.0]}
+    assert (sparse, text) == (["gap"], {"text": 2})
+
+    def complain(what: str, *path: str) -> UserError:
+        return UserError(f"{'.'.join(path)}: {what}")
+
+    for names, told in (
+        (["q"], ""),
+        (["x"], "column 'x' is mapped"),
+        (["z"], "'z' is not in the files, expected one of q, gap"),
+    ):
+        tables: Any = SimpleNamespace(texts=lambda *path, default, names=names: names, complain=complain)
+        if told:
+            with pytest.raises(UserError, match=told):
+                columns._ignored(tables, given, {"x"})
+        else:
+            assert columns._ignored(tables, given, {"x"}) == {"q"}
