@@ -237,7 +237,10 @@ WRONG = [
         _text('column = "W"', 'column = "w"'),
         ["case.toml:25", "data.columns.load.column", "is mapped as omega in rpm too"],
     ),
-    (_text('unit = "rpm"', 'unit = "kg"'), ["case.toml:24", "data.columns.omega.unit", "rad/s"]),
+    (
+        _text('unit = "rpm"', 'unit = "kg"'),
+        ["case.toml:24", "data.columns.omega.unit", "found 'kg', which does not convert to 'rad/s'"],
+    ),
     (_text('unit = "rpm"', 'unit = "wobbles"'), ["case.toml:24", "wobbles"]),
     (_text(', unit = "rpm"', ""), ["case.toml:24", "data.columns.omega.unit", "missing"]),
     (_text("omega = {", "omegga = {"), ["case.toml:24", "data.columns.omegga", "unknown role"]),

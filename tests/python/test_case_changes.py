@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -11,8 +12,10 @@ import pytest
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case import changes, columns, intake
+from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
-from terrapin_tools.workbench.case.mends import Mend, earlier, mended, told_mends
+from terrapin_tools.workbench.case.mends import Mend, earlier, mended, read_mend, told_mends
+from terrapin_tools.workbench.files.toml_tables import Tables
 
 CASE = """# what the user wrote
 [case]
@@ -273,3 +276,126 @@ def test_columns_that_are_not_mapped_are_numbers_have_gaps_or_are_text() -> None
                 columns._ignored(tables, given, {"x"})
         else:
             assert columns._ignored(tables, given, {"x"}) == {"q"}
+
+
+@pytest.mark.parametrize(
+    ("entry", "found"),
+    [("", Mend()), ("factor = -2.5", Mend(-2.5)), ('sign_of = "w"', Mend(1.0, "w")), ("delay = 1000", Mend(delay=1000)),
+     ("factor = 0", "found 0, expected a factor other than 0"), ("delay = true", "found True, expected a whole number"),
+     ("delay = 1001", "0 to 1000"), ("delay = -1", "found -1"), ("delay = 1.0", "found 1.0"), ('delay = "2"', "'2'")],
+)  # fmt: skip
+def test_a_mend_is_a_factor_a_sign_and_whole_rows(entry: str, found: Mend | str) -> None:
+    def complain(text: str, *path: str) -> UserError:
+        return UserError(f"{'.'.join(path)}: {text}")
+
+    tables = Tables(tomllib.loads(f"[data.columns.x]\n{entry}\n"), complain)
+    path = ("data", "columns", "x")
+    if isinstance(found, str):
+        with pytest.raises(UserError, match=rf"data\.columns\.x\..*{found}"):
+            read_mend(tables, path)
+    else:
+        assert read_mend(tables, path) == found
+
+
+COLUMNS = 'x = { column = "x", unit = "mm" }\ny = { column = "y", unit = "N", sigma = 0.5 }\n'
+
+
+def _case(folder: Path, rows: str = "", columns: str = COLUMNS, data: str = "", files: str = '"runs.csv"') -> Path:
+    """A case of y = a*x; `rows` of run, x, y and whatever else."""
+    (folder / "case.toml").write_text(
+        f'[model]\nbase = "equation"\n[model.equation]\ny = "a*x"\n[fit]\na = {{ value = 1.0, unit = "N/mm" }}\n'
+        f"[data]\nfiles = [{files}]\n{data}[data.columns]\n{columns}"
+    )
+    if rows:
+        (folder / "runs.csv").write_text(rows)
+    return folder
+
+
+def _rows(names: str, more: str = "") -> str:
+    """Two rows a run, x counted from 1."""
+    lines = [f"{name},{2 * i + k},{10 * i + k}{more}" for i, name in enumerate(names.split()) for k in (1, 2)]
+    return "\n".join(["run,x,y" + (",note" if more else ""), *lines]) + "\n"
+
+
+def test_rows_are_read_with_their_runs_and_places(tmp_path: Path) -> None:
+    """Runs in the order of their numbers; of the others every fifth by name is held out, of fewer the last."""
+    many = " ".join(f"r{i}" for i in (10, 2, 1, 3, 4, 5, 6, 7, 8, 9, 11))
+    case = load_case(_case(tmp_path, _rows(many), data='run = "run"\n'))
+    assert case.run_names == tuple(f"r{i}" for i in range(1, 12))
+    assert case.run[:6].tolist() == [9, 9, 1, 1, 0, 0]
+    held = [case.run_names[i] for i in np.unique(case.run[case.test])]
+    assert held == ["r3", "r8"]  # of r1, r10, r11, r2, r3, r4 ...
+    assert (case.train == ~case.test).all()
+    assert case.channels["y"][:3].tolist() == [1.0, 2.0, 11.0]
+    assert case.place(2) == "runs.csv:4"
+    few = load_case(_case(tmp_path, _rows("b a c d"), data='run = "run"\n'))
+    assert [few.run_names[i] for i in np.unique(few.run[few.test])] == ["d"]
+    assert (few.sigma, few.units["y"]) == ({"y": 0.5}, "N")
+    five = load_case(_case(tmp_path, _rows("b a c d e"), data='run = "run"\n'))
+    assert [five.run_names[i] for i in np.unique(five.run[five.test])] == ["e"]
+
+
+def test_a_delay_moves_a_column_within_its_runs_and_gaps_leave_rows_out(tmp_path: Path) -> None:
+    rows = "run,x,y,q\na,1,1,5\na,2,,5\na,3,3,6\nb,4,4,7\nb,5,5,8\n"
+    late = COLUMNS.replace('unit = "mm"', 'unit = "mm", delay = 1')
+    case = load_case(_case(tmp_path, rows, late, 'run = "run"\n'))
+    assert case.inputs["x"].tolist() == [2.0, 5.0]  # rows 1 and 4: of 2 there is no y, after 3 and 5 nothing comes
+    assert case.channels["y"].tolist() == [1.0, 4.0]
+    assert (case.place(1), case.rows) == ("runs.csv:5", 2)
+    assert case.extra["q"].tolist() == [5.0, 7.0]
+    told = "\n".join(case.remarks)
+    assert "3 of 5 rows left out: no number in a mapped column (x 2, y 1). The first is runs.csv:3." in told
+    assert "x is taken 1 row later" in told
+    with pytest.raises(UserError, match=r"runs\.csv:2: column y: every row has a gap"):
+        load_case(_case(tmp_path, "run,x,y\na,1,\nb,2,\n", data='run = "run"\n'))
+
+
+def test_text_that_tells_every_row_or_none_apart_is_no_group(tmp_path: Path) -> None:
+    def told(*notes: str) -> bool:
+        rows = "run,x,y,note\n" + "".join(f"r{i // 2},{i},{i},{note}\n" for i, note in enumerate(notes))
+        return any("for text: note" in one for one in load_case(_case(tmp_path, rows, data='run = "run"\n')).remarks)
+
+    assert told("sand", "sand", "loam", "loam", "sand", "sand")
+    assert not told("sand", "sand", "sand", "sand", "sand", "sand")
+    assert not told("one", "one", "two", "two", "three", "three")
+
+
+def test_files_are_runs_where_no_column_says_so(tmp_path: Path) -> None:
+    for name in ("r2", "r10"):
+        (tmp_path / f"{name}.csv").write_text("x,y\n1,1\n2,2\n")
+    case = load_case(_case(tmp_path, files='"r10.csv", "r2.csv"'))
+    assert case.run_names == ("r2", "r10")
+    assert case.run.tolist() == [1, 1, 0, 0]
+    assert case.place(2) == "r2.csv:2"
+    with pytest.raises(UserError, match=r"data\.files: found 'r2\.csv' under two names"):
+        load_case(_case(tmp_path, files='"r2.csv", "./r10.csv", "./r2.csv"'))
+    (tmp_path / "r2.csv").write_text("x,y,note\n")
+    (tmp_path / "r10.csv").write_text("x,y\n")
+    with pytest.raises(UserError, match=r"data\.files: r10\.csv has no rows"):
+        load_case(_case(tmp_path, files='"r10.csv", "r2.csv"'))
+    with pytest.raises(UserError, match="column run: found nothing, expected a run's name"):
+        load_case(_case(tmp_path, "run,x,y\na,1,1\n,2,2\n", data='run = "run"\n'))
+
+
+@pytest.mark.parametrize(
+    ("columns", "told"),
+    [
+        (COLUMNS.replace("x = {", '"a b" = {'), "a name that formulas cannot use"),
+        (COLUMNS.replace("y = {", "z = {").replace(", sigma = 0.5", ""), "y is missing, expected the column"),
+        (COLUMNS.replace('"mm"', '"mm", sigma = 1'), "unknown name"),
+        (COLUMNS.replace("0.5", "0.0"), r"data\.columns\.y\.sigma.*expected more than 0"),
+        (COLUMNS + 'z = { column = "x", unit = "m" }\n', r"column 'x' is mapped as x in mm too"),
+        (COLUMNS.replace('"mm"', '"wobbles"'), "wobbles"),
+    ],
+)
+def test_an_entry_of_the_columns_that_is_wrong_is_told(tmp_path: Path, columns: str, told: str) -> None:
+    with pytest.raises(UserError, match=told):
+        load_case(_case(tmp_path, _rows("a b"), columns, 'run = "run"\n'))
+
+
+def test_one_column_may_be_read_twice_in_one_unit(tmp_path: Path) -> None:
+    case = load_case(_case(tmp_path, _rows("a b"), COLUMNS + 'z = { column = "x", unit = "mm" }\n', 'run = "run"\n'))
+    assert case.inputs["z"].tolist() == case.inputs["x"].tolist()
+    mended_ = load_case(_case(tmp_path, _rows("a b"), COLUMNS.replace("0.5", "0.5, factor = -2"), 'run = "run"\n'))
+    assert mended_.sigma == {"y": 1.0}
+    assert mended_.channels["y"].tolist() == [-2.0, -4.0, -22.0, -24.0]

@@ -548,6 +548,16 @@ def test_rows_that_stand_alone_are_left_out_up_to_a_twentieth(
     assert left[-1] == 100 - left_out
 
 
+def test_rows_that_stand_have_no_direction() -> None:
+    """A misfit that turns round with the motion is taken in its direction: of what stands nothing."""
+    load, omega = np.linspace(10.0, 20.0, 300), np.tile([-3.0, 0.0, 3.0], 100)
+    left = np.where(load > 15.0, 2.0 * np.sign(omega) + (omega == 0.0), 0.0)
+    case: Any = SimpleNamespace(roles={"omega": omega})
+    found = failure_on(case, "load", load, left[None], 0, np.ones(300, dtype=bool), ("current",), 7.0)
+    assert found.with_direction
+    assert found.mean_residual == pytest.approx(4.0 / 3.0, abs=0.05)
+
+
 @pytest.mark.parametrize(("rows", "high"), [(19, 1.0), (20, 0.0)])
 def test_a_stretch_has_a_twentieth_of_the_rows_at_least(rows: int, high: float) -> None:
     """Levels of a plan stay whole: to one that is too small the next one is taken."""
