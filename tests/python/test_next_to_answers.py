@@ -1,4 +1,4 @@
-"""Which answers have neighbours that are refitted (discover/closure.py)."""
+"""Which answers have neighbours that are refitted (discover/closure.py), and which stand (expression_answers.py)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from terrapin_tools.workbench.discover import closure
+from terrapin_tools.workbench.discover import closure, expression_answers
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 
 
@@ -44,3 +44,32 @@ def test_what_stands_and_is_no_twin_of_another_has_neighbours(
     monkeypatch.setattr(closure, "paying", lambda _, known: [h for h in known if h.effects != ("a", "b")])
     assert closure.neighbours(ranker, found) == []
     assert centres == looked_at
+
+
+@pytest.mark.parametrize(
+    ("whole_runs", "numbers", "paid", "kept"),
+    [
+        (True, 3, False, ["gear"]),  # a size and a reference beside an effect that has a size alone
+        (True, 3, True, ["line", "gear"]),
+        (True, 2, False, ["line", "gear"]),  # no more numbers than the effect
+        (False, 3, False, ["line", "gear"]),
+    ],
+)
+def test_a_formula_of_a_body_with_a_number_more_pays_beside_the_best_effect(
+    monkeypatch: pytest.MonkeyPatch, whole_runs: bool, numbers: int, paid: bool, kept: list[str]
+) -> None:
+    line, gear = (SimpleNamespace(theta=np.zeros(count)) for count in (numbers, 2))
+    found: Any = [Hypothesis(("gear",), "catalogue", -9.0, gear), Hypothesis(("line",), "expression", 0.0, line)]  # type: ignore[arg-type]
+    asked: list[object] = []
+
+    def pays(_: object, longer: object, shorter: object) -> bool:
+        asked.append((longer, shorter))
+        return paid
+
+    monkeypatch.setattr(expression_answers, "_best_heldout", lambda *_: [gear])
+    monkeypatch.setattr(expression_answers, "pays", pays)
+    case = SimpleNamespace(base=SimpleNamespace(whole_runs=whole_runs), dynamics=None)
+    analysis = SimpleNamespace(noise=SimpleNamespace(known=np.ones(1, dtype=bool)))
+    ranker: Any = SimpleNamespace(case=case, analysis=analysis, sketches={"line": None})
+    assert [h.effects[0] for h in expression_answers.paying(ranker, found)] == kept
+    assert asked == ([(line, gear)] if whole_runs and numbers == 3 else [])

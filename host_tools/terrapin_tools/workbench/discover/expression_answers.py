@@ -185,7 +185,8 @@ def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     effect of a body over time, of whose motion no model has every detail, or where the noise sd is an estimate. That is
     too large where what is missing differs between equal settings (a friction that turns round), and then the smallest
     flaw of an effect's shape would earn it company. There it must also pay beside the shorter set of effects that
-    predicts the held-out runs best, whatever that is made of."""
+    predicts the held-out runs best, whatever that is made of. So must a formula of a body with a scale or reference of
+    its own, beside the one effect without: k*(x - x0) is a loss and a constant."""
     known = {frozenset(h.effects): h.fit for h in found if h.fit is not None}
     kept: list[Hypothesis] = []
     body = ranker.case.base.whole_runs and ranker.case.dynamics is None
@@ -202,6 +203,10 @@ def paying(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
             asked += best[: len(h.effects) - 1][-1:] if every else []
             more = (n for n in shorter if frozenset(n) not in known and near)
             if not all(pays(ranker.analysis, h.fit, fit) for fit in chain(asked, map(ranker.fit, more))):
+                continue
+        elif body and own and h.fit is not None and h.effects[0] in ranker.sketches:
+            known_law = [fit for fit in best[:1] if len(fit.theta) < len(h.fit.theta)]
+            if not all(pays(ranker.analysis, h.fit, fit) for fit in known_law):
                 continue
         kept.append(h)
     return kept
