@@ -15,6 +15,7 @@ import pytest
 from serving import Server
 from websockets.sync.client import connect
 
+from terrapin_tools.workbench.new_case.from_tables import base_of
 from tests.attack.bombs import READERS, frames_log
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -279,6 +280,28 @@ def test_what_a_file_holds_is_what_the_command_says(server: Server) -> None:
     assert lines[0] == "a.csv: 50 rows, 2 columns"
     assert any("steps of 0.25" in line for line in lines)
     assert any("every 0.1 s, 10 Hz" in line for line in lines)
+
+
+def test_models_that_a_table_suits_are_fitted_briefly(server: Server, tmp_path: Path) -> None:
+    """As the command line says it: of a wheel's rows the names alone would take the sphere."""
+    table = (ROOT / "cases/wheel_on_soil/runs.csv").read_bytes()
+    upload = good(server, "wheel.csv", table)
+    assert upload["base_guess"] == "sphere_contact"
+    found = server.get(f"/api/uploads/{upload['id']}/bases")
+    assert found["base"] == "wheel_contact"
+    (tmp_path / "wheel.csv").write_bytes(table)
+    base, lines = base_of(tmp_path / "wheel.csv")
+    assert (base.name, lines) == (found["base"], found["lines"])
+    assert lines[1].startswith("* wheel_contact: leaves 0.")
+    assert lines[2].startswith("  sphere_contact: leaves ")
+    own = good(server, "own.csv", b"run,dose,yield\n" + b"".join(b"%d,%d,%d\n" % (i % 3, i, 2 * i) for i in range(9)))
+    assert server.get(f"/api/uploads/{own['id']}/bases") == {"base": "equation", "lines": []}
+    rows = "".join(f"{k};1,{k:03d}\n" for k in range(101, 140))
+    doubt = server.ask("POST", "/api/uploads?name=doubt.csv&read=decimal=comma", f"omega;current\n{rows}".encode()).json
+    refused = server.ask("GET", f"/api/uploads/{doubt['id']}/bases")
+    assert refused.status == 422
+    assert "doubt.csv" in refused.detail
+    assert str(server.workspace) not in refused.detail
 
 
 @pytest.mark.parametrize("reader", ["MCAP", "BLF", "MF4", "Parquet of frames", "Parquet of a table"])

@@ -26,9 +26,9 @@ from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import Table
-from terrapin_tools.workbench.new_case.from_tables import guess_base, guess_columns, guess_run, split_unit
+from terrapin_tools.workbench.new_case.from_tables import base_of, guess_base, guess_columns, guess_run, split_unit
 
-__all__ = ["SUFFIXES", "look"]
+__all__ = ["SUFFIXES", "look", "suits"]
 
 DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
 SUFFIXES = tuple(dict.fromkeys((*TABLES, *DESCRIPTIONS, *READABLE)))
@@ -49,6 +49,12 @@ def look(file: str, dbc: str, said: dict[str, str] | None = None) -> dict[str, A
     if is_log(path):
         return _look_log(path, Path(dbc) if dbc else paths.dbc())
     return _look_table(path, suffix[1:] if suffix in PLAIN else "table", Asked.of(said or {}, "read"))
+
+
+def suits(file: str, said: dict[str, str] | None = None) -> dict[str, Any]:
+    """The base model for a table, each that suits its columns fitted briefly, and what is said of them."""
+    base, lines = base_of(Path(file), Asked.of(said or {}, "read"))
+    return {"base": base.name, "lines": lines}
 
 
 class _Columns:

@@ -43,6 +43,8 @@ DBC_SECONDS = 10.0  # a description of a bus, whatever its size: what takes long
 SMALL = 8 << 20  # bytes; files above it wait for each other, and others do not wait for them
 MOST = 1000  # uploads that are kept
 PREVIEW, LOOK = "terrapin_tools.web.cases.preview:look", "terrapin_tools.workbench.intake.look:look_at"
+SUITS = "terrapin_tools.web.cases.preview:suits"
+BASES_SECONDS = 20.0
 EVERY = 0.25  # s between events of progress
 DESCRIPTIONS = (".dbc", ".arxml", ".kcd", ".sym")
 SUFFIXES = tuple(dict.fromkeys((*TABLES, *DESCRIPTIONS, *READABLE)))
@@ -322,6 +324,29 @@ async def preview(
         bus = str(upload_dbc(context.workspace, dbc)) if dbc else ""
         view |= await _look(context, upload_file(context.workspace, identifier), bus, said=said)
     return Upload(**view)
+
+
+class Suiting(BaseModel):
+    """The base model that a table's columns suit best, and what is said of it and of others."""
+
+    base: str
+    lines: list[str]
+
+
+@router.get("/uploads/{identifier}/bases", responses=problems(404))
+async def bases(context: Terrapin, identifier: UploadId, read: Readings = ()) -> Suiting:
+    """Base models that an uploaded table suits, each fitted briefly, as `terrapin case table` says it."""
+    view, file = upload_view(context.workspace, identifier), upload_file(context.workspace, identifier)
+    if view["kind"] in ("log", "dbc"):
+        raise UserError(f"bases: found {view['name']}, expected a table")
+    call = context.warm.call(SUITS, str(file), pairs("read", read), seconds=BASES_SECONDS, kind="read")
+    try:
+        found = await call
+    except Late:
+        raise UserError(f"{view['name']}: brief fits found no end within {BASES_SECONDS:.0f} s") from None
+    except UserError as error:
+        raise UserError(str(error).replace(str(file), view["name"])) from None
+    return Suiting(**found)
 
 
 class Looked(BaseModel):

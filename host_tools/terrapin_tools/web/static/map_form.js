@@ -19,6 +19,7 @@ export class MapForm {
     const { bases, data, dbc, first } = source, fields = draft?.fields || {};
     this.data = data;
     this.dbc = dbc;
+    this.suiting = source.suiting;
     this.base = bases.find((one) => one.name === base) || bases[0];
     const name = plain(first.name.replace(/\.\w+$/, '')).slice(0, 60) || 'case';
     /** @param {Properties} properties */
@@ -50,6 +51,7 @@ export class MapForm {
     const form = h('form', { class: 'panel form', 'aria-label': 'Map the columns', onsubmit: (event) => { event.preventDefault(); heard.make(); } },
       h('h2', { text: 'Map the columns' }),
       h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
+      this.suiting?.lines.length ? h('pre', { class: 'soft small', text: this.suiting.lines.join('\n').replace(' (--base takes another)', ' (“model” takes another)') }) : null,
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
       this.holds, this.reading?.element,
       h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('every n-th row', this.every)),

@@ -125,7 +125,12 @@ export class Mapper {
     if (first.kind !== 'log' && Object.keys(reading).length) {
       try { first = await this.app.api(`uploads/${first.id}/preview?dbc=${asQuery(reading)}`); } catch (error) { this.tell(first.name, lineOf(error)); }
     }
-    this.draw({ bases: this.bases, data, dbc, first }, draft?.base || first.base_guess || '', draft);
+    /** @type {Suiting | null} */
+    let suiting = null;
+    if (first.kind !== 'log') { // which model is fitted best, as the command line says it; without an answer the names decide
+      try { suiting = await this.app.api(`uploads/${first.id}/bases?${asQuery(reading).slice(1)}`); } catch { suiting = null; }
+    }
+    this.draw({ bases: this.bases, data, dbc, first, suiting }, draft?.base || suiting?.base || first.base_guess || '', draft);
   }
 
   /** What each file holds, as `terrapin look` says it. @param {MapSource} source @returns {Promise<string>} */

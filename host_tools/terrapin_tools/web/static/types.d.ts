@@ -101,7 +101,9 @@ interface MapTyped {
 }
 interface MapDraft extends MapTyped { uploads: string[]; base: string }
 /** What is mapped: tables or logs, the first of which shows its columns, and the DBC of logs. */
-interface MapSource { bases: Base[]; data: Upload[]; dbc: Upload | undefined; first: Upload }
+interface MapSource { bases: Base[]; data: Upload[]; dbc: Upload | undefined; first: Upload; suiting: Suiting | null }
+/** The base model that a table suits best, and what is said of it and of others. */
+interface Suiting { base: string; lines: string[] }
 /** What happens when somebody changes the form. */
 interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void; look(show: (text: string) => void): void; reread(reading: Record<string, string>): void }
 interface MapRow { column: UploadColumn; is: HTMLSelectElement | HTMLInputElement; unit: HTMLInputElement; sigma: HTMLInputElement; element: HTMLElement }

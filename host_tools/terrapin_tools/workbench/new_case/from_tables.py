@@ -38,7 +38,7 @@ from terrapin_tools.workbench.new_case.reading import (
     with_runs,
 )
 
-__all__ = ["Guess", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
+__all__ = ["Guess", "base_of", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
     "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
@@ -184,6 +184,80 @@ def write_table_case(
     taken = UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
     if (folder / "case.toml").exists():
         raise taken
+    found = _gathered(files, asked, ask, columns or {}, told or {}, chosen)
+    tables, run, asked, guesses = found.tables, found.run, found.asked, found.guesses
+    base, offered = _chosen(found, files, title, chosen)
+    document = _document(folder, files, title, base, run, guesses, asked, found.groups)
+    assumed = assumptions(tables)
+    if assumed:
+        show(assumed)
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        write_new(folder / "case.toml", document)
+    except FileExistsError:
+        raise taken from None
+    lines = [
+        *offered,
+        f"{folder / 'case.toml'}: {base.name}, {found.runs} runs; guessed from the columns' names, to be corrected:",
+    ]
+    used = _mapped(guesses, base)
+    for guess, name in zip(used, _names(used, base), strict=True):
+        unit = guess.unit or _unit(name, base)
+        note = "" if guess.unit else "  (unit assumed)"
+        lines.append(f"  {guess.column} = {name}, {unit}{note}")
+    rest = [guess.column for guess in guesses if guess not in used]
+    if rest:
+        lines.append(f"Not mapped (discover looks at them all the same): {', '.join(rest)}")
+    lines += [f"Groups of runs by {name}: {', '.join(values)}" for name, values in found.groups.items()]
+    text = [name for name in found.text if name not in found.groups]
+    words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
+    if words:
+        lines.append(f"Not numbers: {', '.join(words)}")
+    mixed = [name for name in text if name not in words]
+    lines += [f"Left out: {found.wrong[name]}" for name in mixed[:NAMED]]
+    if len(mixed) > NAMED:
+        lines.append(f"Left out, too, for text between numbers: {', '.join(mixed[NAMED:])}")
+    gaps = {g.column: sum(_gaps(t, g.column) for t in tables) for g in used}
+    if any(gaps.values()):
+        named = ", ".join(f"{name} {count}" for name, count in gaps.items() if count)
+        lines.append(f"Rows with a gap in a mapped column will be left out: {named}.")
+        lines[-1] += f" The first is {first_gap(tables, list(gaps))}."
+    lines += [*_shared_names(tables, run, text), *told_gaps(tables, asked), *told_repeats(tables), *found.others]
+    if run is None:
+        lines.append("No column names the run: each file is one.")
+    if found.runs < 2:
+        lines.append("One run is too few to hold one out: name the column of the run, or give more files.")
+    lines.append("Lines marked CHECK hold constants that no table can tell.")
+    return "\n".join(lines)
+
+
+@dataclass(frozen=True)
+class _Gathered:
+    """Tables as they were read, the column that names the run, and what the names say. `wrong`: why a column is no
+    number, "" where it is one."""
+
+    tables: list[Table]
+    asked: Asked
+    run: str | None
+    runs: int
+    others: list[str]
+    wrong: dict[str, str]
+    guesses: list[Guess]
+    text: list[str]
+    groups: dict[str, list[str]]
+
+
+def base_of(file: Path, asked: Asked = PLAIN) -> tuple[Base, list[str]]:
+    """The base model that `write_table_case` would take for a table, and what it would say of it and of others.
+
+    UserError as there.
+    """
+    return _chosen(_gathered([file], asked, refuse, {}, {}, ""), [file.resolve()], "", "")
+
+
+def _gathered(
+    files: Sequence[Path], asked: Asked, ask: Ask, columns: Mapping[str, str], told: Mapping[str, str], chosen: str
+) -> _Gathered:
     tables, asked = read_all(files, asked, ask)
     common = [name for name in tables[0].columns if all(name in table.columns for table in tables)]
     if not common:
@@ -200,56 +274,10 @@ def write_table_case(
     if not numeric:
         why = next(iter(wrong.values()), f"only {run}, which names the run")
         raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
-    guesses = _settled(_pinned(guess_columns(numeric), columns or {}), columns or {}, told or {}, ask, chosen)
-    text = [name for name in wrong if name not in numeric]
-    groups = guess_groups(tables, run, [name for name in text if not _is_time(name, common)])
-
-    def document_of(base: Base, place: Path) -> str:
-        return _document(place, files, title, base, run, guesses, asked, groups)
-
-    base, offered = _chosen(guesses, chosen, document_of, sum(table.rows for table in tables))
-    document = document_of(base, folder)
-    assumed = assumptions(tables)
-    if assumed:
-        show(assumed)
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        write_new(folder / "case.toml", document)
-    except FileExistsError:
-        raise taken from None
-    lines = [
-        *offered,
-        f"{folder / 'case.toml'}: {base.name}, {runs} runs; guessed from the columns' names, to be corrected:",
-    ]
-    used = _mapped(guesses, base)
-    for guess, name in zip(used, _names(used, base), strict=True):
-        unit = guess.unit or _unit(name, base)
-        note = "" if guess.unit else "  (unit assumed)"
-        lines.append(f"  {guess.column} = {name}, {unit}{note}")
-    rest = [guess.column for guess in guesses if guess not in used]
-    if rest:
-        lines.append(f"Not mapped (discover looks at them all the same): {', '.join(rest)}")
-    lines += [f"Groups of runs by {name}: {', '.join(values)}" for name, values in groups.items()]
-    text = [name for name in text if name not in groups and not _is_time(name, common)]
-    words = [name for name in text if not any(_has_numbers(table, name) for table in tables)]
-    if words:
-        lines.append(f"Not numbers: {', '.join(words)}")
-    mixed = [name for name in text if name not in words]
-    lines += [f"Left out: {wrong[name]}" for name in mixed[:NAMED]]
-    if len(mixed) > NAMED:
-        lines.append(f"Left out, too, for text between numbers: {', '.join(mixed[NAMED:])}")
-    gaps = {g.column: sum(_gaps(t, g.column) for t in tables) for g in used}
-    if any(gaps.values()):
-        named = ", ".join(f"{name} {count}" for name, count in gaps.items() if count)
-        lines.append(f"Rows with a gap in a mapped column will be left out: {named}.")
-        lines[-1] += f" The first is {first_gap(tables, list(gaps))}."
-    lines += [*_shared_names(tables, run, text), *told_gaps(tables, asked), *told_repeats(tables), *others]
-    if run is None:
-        lines.append("No column names the run: each file is one.")
-    if runs < 2:
-        lines.append("One run is too few to hold one out: name the column of the run, or give more files.")
-    lines.append("Lines marked CHECK hold constants that no table can tell.")
-    return "\n".join(lines)
+    guesses = _settled(_pinned(guess_columns(numeric), columns), columns, told, ask, chosen)
+    text = [name for name in wrong if name not in numeric and not _is_time(name, common)]
+    groups = guess_groups(tables, run, text)
+    return _Gathered(tables, asked, run, runs, others, wrong, guesses, text, groups)
 
 
 def _pinned(guesses: Sequence[Guess], columns: Mapping[str, str]) -> list[Guess]:
@@ -264,15 +292,17 @@ def _pinned(guesses: Sequence[Guess], columns: Mapping[str, str]) -> list[Guess]
     return [replace(g, name=name_of.get(g.column, None if g.name in columns else g.name)) for g in guesses]
 
 
-def _chosen(
-    guesses: Sequence[Guess], wanted: str, document: Callable[[Base, Path], str], rows: int
-) -> tuple[Base, list[str]]:
+def _chosen(read: _Gathered, files: Sequence[Path], title: str, wanted: str) -> tuple[Base, list[str]]:
     """The base model, and what is said of it and of others that suit the columns."""
-    likely = _wanted(guesses, wanted)
-    suit = suiting([guess.name for guess in guesses])
+    likely = _wanted(read.guesses, wanted)
+    suit = suiting([guess.name for guess in read.guesses])
     if likely not in suit:
         return likely, []
-    found = offers(suit, document, rows)
+
+    def document(base: Base, place: Path) -> str:
+        return _document(place, files, title, base, read.run, read.guesses, read.asked, read.groups)
+
+    found = offers(suit, document, sum(table.rows for table in read.tables))
     best = likely if wanted or found[0].why else found[0].base
     return best, told_offers(found, best)
 
