@@ -16,10 +16,13 @@ from typing import Any
 import pytest
 from kit import KEY, NEXT_KEY, OTHER_KEY, PUBLIC, code, image
 
+from terrapin_hil.links import LinkName
 from terrapin_hil.messages import Frame, Sender, interface
+from terrapin_hil.nodes import Node
 from terrapin_interface.robot import find_robot, identity_of
 from terrapin_tools.errors import UserError
-from terrapin_tools.flash import build, listing, plan, swd, update, wires
+from terrapin_tools.flash import build, listing, plan, protect, swd, update, wires
+from terrapin_tools.flash.can_wire import CanWire
 from terrapin_tools.flash.image import (
     MADE,
     MARK,
@@ -38,6 +41,7 @@ from terrapin_tools.flash.keys import key_hash
 from terrapin_tools.flash.layout import BASE, RECORDS, SLOT_SIZE, SLOTS
 from terrapin_tools.flash.stm32 import Stm32, sectors_of
 from terrapin_tools.flash.update import Controller, SignedFile
+from terrapin_tools.flash.wire import Wire, heard
 from tests.python.robot_files import BOARD, set_fields
 
 THERE = Controller("", "", "", "none", Version(1, 2, 3), 5, (key_hash(KEY.public_key())[:2],))
@@ -1089,3 +1093,155 @@ def test_an_image_takes_another_robots_place_where_both_say_so() -> None:
             update._require_robot(image_, RIGHT.robot, change, protocol)
     with pytest.raises(UserError, match="--replaces 0x000009`"):
         update._require_robot(other, 9, True, 2)
+
+
+class Registers:
+    """Option bytes, unlocked by the keys; what was written, in order."""
+
+    name = "chip"
+
+    def __init__(self, options: int) -> None:
+        self.options, self.busy = options, 3
+        self.written: list[tuple[int, int]] = []
+
+    def read32(self, address: int) -> int:
+        if address == protect.SR:
+            self.busy -= 1
+            return 1 << 16 if self.busy > 0 else 0
+        return self.options
+
+    def write32(self, address: int, value: int) -> None:
+        self.written.append((address, value))
+        if address == protect.OPTCR:
+            self.options = value
+        elif value == 0x4C5D_6E7F:
+            self.options &= ~1
+
+
+def test_option_bytes_are_written_in_the_manuals_order() -> None:
+    """Unlocked by two keys; the value, then the start; locked again. What is set already is not written again."""
+    chip = Registers(0x0FFF_AAED)
+    assert protect.protect(chip)
+    wanted = 0x0FFE_BBE4
+    assert chip.written == [(0x4002_3C08, 0x0819_2A3B), (0x4002_3C08, 0x4C5D_6E7F), (0x4002_3C14, wanted),
+        (0x4002_3C14, wanted | 2), (0x4002_3C14, wanted | 1)]  # fmt: skip
+    assert chip.busy == 0
+    again = Registers(wanted | 1)
+    assert not protect.protect(again)
+    assert again.written == []
+    for options in (0x0FFF_FFFF, 0, wanted):
+        found = protect.protected(options)
+        assert found & 0x1_FF0F == 0xBB04  # neither locked nor started; the sector, reading and the voltage
+        assert found & 0x0FFE_00F0 == options & 0x0FFE_00F0  # all else stays
+
+
+def test_a_key_of_the_bench_opens_no_release() -> None:
+    bench = NEXT_KEY.public_key()
+    with pytest.raises(UserError, match="the key of the bench"):
+        protect.refuse_bench_key("chip", PUBLIC, bench, bench)
+    protect.refuse_bench_key("chip", b"\0" + PUBLIC, KEY.public_key(), None)
+    protect.refuse_bench_key("chip", b"\0" + PUBLIC, KEY.public_key(), bench)
+    named = key_hash(OTHER_KEY.public_key())[:4].hex()
+    with pytest.raises(UserError, match=f"chip: its boot loader does not know the key {named}; nothing is protected"):
+        protect.refuse_bench_key("chip", PUBLIC, OTHER_KEY.public_key(), bench)
+
+
+def test_a_robot_whose_board_is_in_no_line_of_its_own_is_told(tmp_path: Path) -> None:
+    board = set_fields(tmp_path / "carrier.toml", BOARD, {"number": 101})
+    text = find_robot("roller").read_text()
+    line = next(one for one in text.splitlines() if one.partition("=")[0].strip() == "board")
+    mine = tmp_path / "mine.toml"
+    mine.write_text(text.replace(line, f'"board"{line.partition("board")[2]}', 1))
+    with pytest.raises(UserError, match=r"mine\.toml: --board .*: expected a line `board = \.\.\.` in its file"):
+        build.choose(str(mine), str(board), tmp_path / "copy")
+
+
+def test_a_link_is_opened_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    """SLCAN at the rate of its name, or a million; a bus at its rate."""
+    monkeypatch.setattr(wires, "SerialWire", lambda *given: given)
+    monkeypatch.setattr("terrapin_tools.flash.can_wire.CanWire", lambda *given: given)
+    serial = LinkName("serial", "", "/dev/tty1", node=3)
+    found: Any = wires.open_wire(serial)
+    assert found == ("/dev/tty1", 1_000_000, 3)
+    found = wires.open_wire(replace(serial, baud=9600))
+    assert found == ("/dev/tty1", 9600, 3)
+    bus = LinkName("can", "virtual", "x")
+    found = wires.open_wire(bus, 250_000)
+    assert found == (bus, 250_000)
+
+
+def test_a_serial_port_is_nobody_elses(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[Any] = []
+
+    def serial(port: str, baud: int, **more: Any) -> str:
+        asked.append((port, baud, more))
+        if errors:
+            raise errors.pop()
+        return "port"
+
+    errors: list[Exception] = []
+    monkeypatch.setitem(sys.modules, "serial", SimpleNamespace(Serial=serial))
+    assert wires.open_serial("p", 9600, timeout=1) == "port"
+    assert asked == [("p", 9600, {"write_timeout": 5, "exclusive": True, "timeout": 1})]
+    for error, told in (
+        (OSError(13, "Permission denied"), "Permission denied"),
+        (ValueError("no such rate"), "no such"),
+    ):
+        errors.append(error)
+        with pytest.raises(UserError, match=f"p: cannot open the serial port: {told}") as raised:
+            wires.open_serial("p", 9600)
+        assert raised.value.status == 1
+
+
+class Counted(Wire):
+    """A wire that brings what is listed, and counts what is sent."""
+
+    name = "wire"
+
+    def __init__(self, *heard: list[Frame]) -> None:
+        self.sent: list[list[Frame]] = []
+        self.heard = list(heard)
+
+    def send_plain(self, frames: Sequence[Frame]) -> None:
+        self.sent.append(list(frames))
+
+    def receive(self, wait: float) -> list[Frame]:
+        assert 0.0 <= wait <= 0.5
+        return self.heard.pop(0) if self.heard else []
+
+    def wake(self) -> None: ...
+    def close(self) -> None: ...
+
+
+def test_a_wire_seals_and_asks(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = [(1, b"a"), (2, b"b")]
+    wire = Counted([(5, b""), (6, b"x")], [(6, b"y")])
+    wire.send(frames)
+    session: Any = SimpleNamespace(batches=lambda frames: ([one, (9, b"seal")] for one in frames))
+    wire.session = session
+    wire.send(frames)
+    assert wire.sent == [frames, [(1, b"a"), (9, b"seal")], [(2, b"b"), (9, b"seal")]]
+    wire.session = None
+    wire.sent.clear()
+    assert wire.ask((3, b"c"), lambda frame: frame[0] == 6) == (6, b"x")
+    assert wire.sent == [[(3, b"c")]]
+    monkeypatch.setattr("terrapin_tools.flash.wire.ASK", 0.01)
+    assert wire.ask((3, b"c"), lambda frame: frame[1] == b"z") is None
+    messages = interface().messages
+    assert heard() == {*range(0x1A0, 0x1A8), messages["SESSION"].id, messages["PARAMETER_VALUE"].id}
+
+
+def test_a_bus_hears_what_an_update_needs_at_its_node(monkeypatch: pytest.MonkeyPatch) -> None:
+    made: list[Any] = []
+
+    class Opened:
+        def __init__(self, *given: Any, **more: Any) -> None:
+            made.append((given, more))
+
+    monkeypatch.setattr("terrapin_tools.flash.can_wire.PythonCan", Opened)
+    link = LinkName("can", "virtual", "x", node=2)
+    wire = CanWire(link, 125_000)
+    [((name, seconds, wanted, rate), more)] = made
+    assert (name, seconds, wanted, rate, wire.name) == (link, 2.0, heard(), 125_000, str(link))
+    places = [Node(2).to_bus((one, b""))[0] for one in sorted(heard())]
+    assert more["can_filters"] == [{"can_id": one, "can_mask": 0x7FF, "extended": False} for one in places]
