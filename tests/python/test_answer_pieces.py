@@ -328,7 +328,8 @@ class Leaving:
         noise = SimpleNamespace(
             sigma=np.array([1.0, 2.0]), known=np.array([True, False]), behind=4.0, freedom=np.array([9.0, 5.0])
         )
-        mishaps = [SimpleNamespace(kind=kind, columns=np.ones((12, 2))) for kind in ("run", "lag")]
+        columns = {"run": np.ones((12, 5)), "lag": np.ones((12, 2))}
+        mishaps = [SimpleNamespace(kind=kind, columns=own) for kind, own in columns.items()]
         self.analysis: Any = SimpleNamespace(case=case, rows=np.ones(6, dtype=bool), noise=noise, felt=None,
             nuisance=np.ones((2, 6, 3)), mishaps=mishaps)  # fmt: skip
 

@@ -16,9 +16,12 @@ from terrapin_tools.workbench.discover import closure, expression_answers, ranki
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.formulas.expressions import Sketch
 from terrapin_tools.workbench.formulas.vocabulary import Scale
+from terrapin_tools.workbench.model.linearised import Linear
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
+from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import NODES, considered
+from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 EVERY = np.ones(3, dtype=bool)
 SCALE = Scale(1.0, 0.1, 9.0)
@@ -1035,3 +1038,54 @@ def test_formulas_weigh_what_they_promise_with_the_prior_of_what_no_catalogue_ha
     assert given[1][8] is None
     listed.sketches = []
     assert expression_answers.expressions(own) == []
+
+
+def _moving(effects: str, weight: float, curve: float) -> Hypothesis:
+    bound = SimpleNamespace(predict=lambda theta: np.full((1, 4), curve))
+    return _answer(effects, weight, model=SimpleNamespace(bind=lambda inputs, rows: bound))
+
+
+def _body(
+    monkeypatch: pytest.MonkeyPatch, *found: Hypothesis, falls: Sequence[str] = ()
+) -> tuple[list[str], list[str]]:
+    """Answers of a body over time whose neighbours are looked at, and those that were asked whether they stand."""
+    nearby = Nearby(monkeypatch)
+    ranker: Any = Bench(rows=EVERY, sigma=np.array([0.1]))
+    ranker.case.base.whole_runs, ranker.case.inputs = True, None
+    asked: list[str] = []
+
+    def stand(ranker: Any, given: Sequence[Hypothesis]) -> list[Hypothesis]:
+        asked[:] = [" ".join(h.effects) for h in given]
+        return [h for h in given if " ".join(h.effects) not in falls]
+
+    monkeypatch.setattr(closure, "paying", stand)
+    _near(ranker, *found)
+    return nearby.asked, asked
+
+
+def test_of_a_body_what_would_not_stand_has_no_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of sets those that come near the best single one are asked; an answer with the motion of another has the same
+    neighbours."""
+    found = [_moving("a", 10.0, 0.0), _moving("b", 1.0, 1.0), _moving("a c", 7.01, 2.0), _moving("a d", 7.0, 3.0),
+        _moving("e f", 12.0, 4.0)]  # fmt: skip
+    looked_at, asked = _body(monkeypatch, *found, falls=["e f"])
+    assert asked == ["a", "b", "a c", "e f"]
+    assert looked_at == ["a", "a c"]
+    assert _body(monkeypatch, *found)[0] == ["e f", "a"]
+    least = 0.1 * np.sqrt(closure.UNTOLD / 4.0)
+    for apart, same in ((0.99 * least, True), (1.01 * least, False)):
+        two = [_moving("a", 10.0, 5.0), _moving("b", 9.9, 5.0 + apart)]
+        assert _body(monkeypatch, *two)[0] == (["a"] if same else ["a", "b"])
+
+
+@pytest.mark.parametrize("signs", [(1.0, 0.0), (-1.0, 1.0)])
+def test_a_size_of_one_sign_is_weighed_so_in_runs_drawn_anew(signs: tuple[float, float]) -> None:
+    random = np.random.default_rng(3)
+    run = np.repeat(np.arange(4), 5)
+    residual, base = random.standard_normal((1, 20)), random.standard_normal((1, 20, 2))
+    columns, given = random.standard_normal((20, 2)), np.array(signs)
+    linear = Linear(residual, base, columns, np.zeros(2), given, 0.0)
+    sums = resampled.Sums(Runs(run, 1), linear, 3.0, [0])
+    evidence = Evidence(Runs(run, 1), residual, base, 3.0, [0])
+    expected = evidence.blocks(evidence.gram(columns), np.array([[0, 1]]), given[None])
+    assert sums.evidence(np.ones((1, 4)))[0] == pytest.approx(float(expected[0]), abs=1e-6)
