@@ -1326,3 +1326,11 @@ def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found.columns_without({"drag", "wave"}).shape == (8, 0)
     assert found.fits == {frozenset(): "fit"}
     assert found.train.shape == (2, 3)
+
+
+def test_what_is_left_is_what_was_measured_less_what_is_predicted(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(leftover, "measured", lambda model, rows: np.array([[5.0, 7.0]]))
+    monkeypatch.setattr(leftover, "predict", lambda fit, rows: np.array([[2.0, 9.0]]))
+    analysis: Any = SimpleNamespace(rows=None)
+    fit: Any = SimpleNamespace(model=None)
+    assert leftover._left_of(analysis, fit).tolist() == [[3.0, -2.0]]
