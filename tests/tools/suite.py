@@ -118,6 +118,7 @@ def pytest(
         *PYTEST,
         *(_places(tier) if files is None else files),
         f"-n{workers}",
+        "--no-loadscope-reorder",  # as the folders are: the examples of modules come last, which are short
         f"--junitxml={junit}",
         *noting,
     ]
