@@ -15,6 +15,7 @@ import json
 import os
 import resource
 import runpy
+import signal
 import sys
 import tempfile
 import threading
@@ -185,6 +186,7 @@ def prepare() -> None:
     """Imports what the forks then need not. Not all that tests import: some of it changes what others do."""
     for name in HEAVY:
         importlib.import_module(name)
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # ignored where a shell runs us in its background
 
 
 def failing(
