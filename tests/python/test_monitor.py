@@ -48,6 +48,19 @@ def block(*rows: tuple[float, str, dict[str, int]]) -> Frames:
     return frames(Path("made"), [r[0] for r in rows], [messages[r[1]].id for r in rows], payloads, [0] * len(rows))
 
 
+def test_a_clock_that_steps_back_begins_anew_and_one_that_jumps_goes_on() -> None:
+    bus = live()
+    bus.take(block((5.0, "MOTION", {"slip": 100}), (5.1, "MOTION", {"slip": 100})))
+    bus.take(block((2.0, "MOTION", {"slip": 200}), (2.1, "MOTION", {"slip": 200})))
+    assert (bus.epoch, bus.begin) == (1, 2.0)
+    bus.take(block((40.0, "MOTION", {"slip": 300})))
+    assert (bus.epoch, bus.begin) == (1, 2.0)
+    assert [event.text for event in bus.events if event.kind == "clock"] == [
+        "the clock steps back by 3.100 s",
+        "no frame for 37.900 s, or the clock jumped ahead",
+    ]
+
+
 def test_values_faults_events() -> None:
     bus = live()
     states = interface().enums["state"]

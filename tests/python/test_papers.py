@@ -41,6 +41,17 @@ def check(part: Part, beginning: str) -> Check:
     return found
 
 
+def test_figures_stand_before_tables_by_their_numbers(monkeypatch: pytest.MonkeyPatch) -> None:
+    def some(*titles: str) -> list[Part]:
+        return [Part("one", title, "", ()) for title in titles]
+
+    for module, found in ((reina, some("Table 2", "Fig. 10")), (reina_soil, some("Fig. 9", "Table 1"))):
+        monkeypatch.setattr(module, "parts", lambda found=found: found)
+    for module in (li_rolling, li_forced, build_module.vella):
+        monkeypatch.setattr(module, "parts", list)
+    assert [part.title for part in build_module.collect()] == ["Fig. 9", "Fig. 10", "Table 1", "Table 2"]
+
+
 def test_a_number_is_reproduced_to_half_a_unit_of_its_last_digit() -> None:
     assert digits("x", ["0.85"], [0.8549]).outcome == REPRODUCED
     assert digits("x", ["0.85"], [0.8551]).outcome == FAILED
