@@ -44,6 +44,14 @@ export class MapForm {
     this.element = this.layout(first, heard);
   }
 
+  /** What each base model leaves that these columns suit, in the command line's words; the one that it takes in bold. */
+  suits() {
+    const [head, ...lines] = this.suiting?.lines ?? [];
+    if (!head) return null;
+    return h('div', { class: 'soft small' }, h('p', { text: head.replace(' (--base takes another)', ' (“model” takes another)') }),
+      lines.length ? h('ul', {}, lines.map((line) => h('li', {}, h(line.startsWith('* ') ? 'b' : 'span', { text: line.slice(2) })))) : null);
+  }
+
   /** @param {Upload} first @param {MapHeard} heard */
   layout(first, heard) {
     /** @param {string} words @param {HTMLElement | null} input */
@@ -51,7 +59,7 @@ export class MapForm {
     const form = h('form', { class: 'panel form', 'aria-label': 'Map the columns', onsubmit: (event) => { event.preventDefault(); heard.make(); } },
       h('h2', { text: 'Map the columns' }),
       h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
-      this.suiting?.lines.length ? h('pre', { class: 'soft small', text: this.suiting.lines.join('\n').replace(' (--base takes another)', ' (“model” takes another)') }) : null,
+      this.suits(),
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
       this.holds, this.reading?.element,
       h('div', { class: 'four' }, label('name', this.caseName), label('title', this.title), label('model', this.model), label('run', this.run), this.period ? label('one row every', this.period) : label('every n-th row', this.every)),
