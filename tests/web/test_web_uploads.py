@@ -298,10 +298,7 @@ def test_models_that_a_table_suits_are_fitted_briefly(server: Server, tmp_path: 
     assert server.get(f"/api/uploads/{own['id']}/bases") == {"base": "equation", "lines": []}
     rows = "".join(f"{k};1,{k:03d}\n" for k in range(101, 140))
     doubt = server.ask("POST", "/api/uploads?name=doubt.csv&read=decimal=comma", f"omega;current\n{rows}".encode()).json
-    refused = server.ask("GET", f"/api/uploads/{doubt['id']}/bases")
-    assert refused.status == 422
-    assert "doubt.csv" in refused.detail
-    assert str(server.workspace) not in refused.detail
+    assert server.get(f"/api/uploads/{doubt['id']}/bases") == {"base": "", "lines": []}
 
 
 @pytest.mark.parametrize("reader", ["MCAP", "BLF", "MF4", "Parquet of frames", "Parquet of a table"])

@@ -52,8 +52,12 @@ def look(file: str, dbc: str, said: dict[str, str] | None = None) -> dict[str, A
 
 
 def suits(file: str, said: dict[str, str] | None = None) -> dict[str, Any]:
-    """The base model for a table, each that suits its columns fitted briefly, and what is said of them."""
-    base, lines = base_of(Path(file), Asked.of(said or {}, "read"))
+    """The base model for a table, each that suits its columns fitted briefly, and what is said of them; none where the
+    table leaves something open, which the mapper asks for."""
+    try:
+        base, lines = base_of(Path(file), Asked.of(said or {}, "read"))
+    except UserError:
+        return {"base": "", "lines": []}
     return {"base": base.name, "lines": lines}
 
 

@@ -327,7 +327,7 @@ async def preview(
 
 
 class Suiting(BaseModel):
-    """The base model that a table's columns suit best, and what is said of it and of others."""
+    """The base model that a table's columns suit best, and what is said of it and of others. "": something is left open."""
 
     base: str
     lines: list[str]
@@ -344,8 +344,6 @@ async def bases(context: Terrapin, identifier: UploadId, read: Readings = ()) ->
         found = await call
     except Late:
         raise UserError(f"{view['name']}: brief fits found no end within {BASES_SECONDS:.0f} s") from None
-    except UserError as error:
-        raise UserError(str(error).replace(str(file), view["name"])) from None
     return Suiting(**found)
 
 
