@@ -327,7 +327,7 @@ async def preview(
 
 
 class Suiting(BaseModel):
-    """The base model that a table's columns suit best, and what is said of it and of others. "": something is left open."""
+    """The base model that a table suits best, and what is said of it and of others. "": something is left open."""
 
     base: str
     lines: list[str]
