@@ -136,6 +136,21 @@ def test_who_was_stopped_goes_on_and_who_is_gone_leaves_nothing(monkeypatch: pyt
             assert port.lost == lost
 
 
+def test_who_was_killed_a_moment_ago_leaves_nothing() -> None:
+    """Nobody knows yet that there is no reader: what the kernel and the port hold is not the next one's."""
+    port = PtyPort()
+    with closing(port):
+        for _ in range(20):
+            with closing(SlcanPort(port.path)) as tool:
+                tool.send(b"O\r")
+                port.read(lambda *_: None)
+                port.send([(0x182, bytes(8))])
+                wait_for(lambda tool=tool: tool._read(time.monotonic() + 1.0) or tool._frames, "a frame")
+                assert [identifier for identifier, _ in tool._frames] == [0x182]
+                port.send([(0x180, bytes(8))] * 1000)
+        assert port.lost == 0
+
+
 def test_a_pseudo_terminal_outlives_its_clients() -> None:
     port = PtyPort()
     asked = Sender().frame("IDENTITY_READ", {})

@@ -147,10 +147,12 @@ class PtyPort:
         return int.from_bytes(count, sys.byteorder)
 
     def _forget(self) -> None:
-        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's."""
-        if self._unread is not None:
+        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's. Whoever opens
+        or closes what is open already is the next one: who was killed did not close."""
+        if self._open:
             self._unread, self._untaken = None, 0
             self._waiting.clear()
+            termios.tcflush(self._master, termios.TCOFLUSH)  # what the kernel has not brought yet
             termios.tcflush(self._slave, termios.TCIFLUSH)
 
     def read(self, heard: Heard) -> None:
