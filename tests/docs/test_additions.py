@@ -9,6 +9,8 @@ import pytest
 from pages import ROOT, Block, apply, blocks
 from scratch import copy_tree, in_copy
 
+from tests.chromium import CHROMIUM, FLAGS
+
 MOST = 2  # files that an addition may take
 
 
@@ -88,8 +90,7 @@ def test_sub_command(tmp_path: Path) -> None:
 def test_tab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page that the copy serves has it and fills it, and nothing is said on its console."""
     playwright = pytest.importorskip("playwright.sync_api")
-    chromium = next((found for name in ("chromium", "google-chrome") if (found := shutil.which(name))), None)
-    if chromium is None:
+    if CHROMIUM is None:
         pytest.skip("no Chromium here")
     monkeypatch.syspath_prepend(str(ROOT / "tests" / "web"))
     from serving import Server
@@ -102,7 +103,7 @@ def test_tab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     try:
         with (
             playwright.sync_playwright() as running,
-            running.chromium.launch(executable_path=chromium, args=["--no-sandbox", "--disable-gpu"]) as browser,
+            running.chromium.launch(executable_path=CHROMIUM, args=FLAGS) as browser,
         ):
             page = browser.new_page()
             said: list[str] = []

@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
 from casekit import rolling, terrapin
 
-CHROMIUM = next((found for name in ("chromium", "google-chrome") if (found := shutil.which(name))), None)
-FLAGS = [
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--enable-logging=stderr",
-    "--virtual-time-budget=6000",
-]  # fmt: skip
+from tests.chromium import CHROMIUM, FLAGS
+
+ALONE = ["--headless", "--enable-logging=stderr", "--virtual-time-budget=6000"]  # without Playwright
+
 USE = """<script>
 let used = 0;
 const press = (what, times = 1) => {
@@ -59,7 +56,7 @@ def test_every_control_works_on_a_phone_too(tmp_path: Path, capsys: pytest.Captu
     assert terrapin(capsys, "report", folder, "-o", page)[0] == 0
     page.write_text(page.read_text(encoding="utf-8").replace("</body>", USE), encoding="utf-8")
     assert CHROMIUM is not None
-    command = [CHROMIUM, *FLAGS, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,900"]
+    command = [CHROMIUM, *FLAGS, *ALONE, f"--user-data-dir={tmp_path / 'profile'}", "--window-size=500,900"]
     shot = [f"--screenshot={tmp_path / 'page.png'}", page.as_uri()]
     done = subprocess.run([*command, *shot], capture_output=True, text=True, timeout=300, check=False)
     lines = [line for line in done.stderr.splitlines() if "CONSOLE" in line]

@@ -111,7 +111,8 @@ test | bench | sandbox)
     # What cannot be had is named in the closing lines of the tests.
     [ ${#packages[@]} = 0 ] || apt_install "${packages[@]}" || true
     # By itself: where the system has it under another name, all else is installed nevertheless.
-    command -v chromium >/dev/null || command -v google-chrome >/dev/null || apt_install chromium fonts-liberation || true
+    command -v chromium-headless-shell >/dev/null || apt_install chromium-headless-shell fonts-liberation ||
+        command -v chromium >/dev/null || command -v google-chrome >/dev/null || apt_install chromium fonts-liberation || true
     command -v firefox-esr >/dev/null || command -v firefox >/dev/null || apt_install firefox-esr || true
     ;;
 *) fail "unknown level '$level': runtime, firmware, test, bench or sandbox" ;;
