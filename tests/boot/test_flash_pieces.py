@@ -761,6 +761,8 @@ def test_the_chips_boot_loader_is_written_in_pieces_with_their_sums(monkeypatch:
     expected += bytes([0x31, 0xCE, 8, 0, 1, 0, 9]) + second + bytes([3 ^ 0x11 ^ 0xFF])
     assert port.written == expected
     assert told == [("writing", 256, 260), ("writing", 260, 260)]
+    chip.close()
+    assert port.written == expected + b"closed"
     chip, port = stm32(monkeypatch, ACK * 4)
     told.clear()
     chip.erase([(BASE, 0x8000)], lambda *one: told.append(one))

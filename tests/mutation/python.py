@@ -53,6 +53,7 @@ NAMED = {
     "min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum", "maximum": "minimum",
     "argmin": "argmax", "argmax": "argmin", "floor": "ceil", "ceil": "floor",
 }  # fmt: skip
+COMMUTES = ("min", "max", "minimum", "maximum", "logaddexp", "hypot")  # either order of two is the same
 
 
 @dataclass(frozen=True)
@@ -152,6 +153,7 @@ def _swapped(node: ast.AST) -> Iterator[ast.expr]:
         two = node.args[:2]
         if (
             len(two) > 1
+            and name not in COMMUTES
             and not any(isinstance(a, ast.Starred | ast.Constant | ast.JoinedStr) for a in two)
             and ast.dump(two[0]) != ast.dump(two[1])
         ):
@@ -191,6 +193,10 @@ class _Finder(ast.NodeVisitor):
             for statement in node.body:
                 self.visit(statement)
             self._function = before
+            return
+        if isinstance(node, ast.ClassDef):  # without what decorates it: mypy sees what frozen=False would allow
+            for statement in node.body:
+                self.visit(statement)
             return
         if isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING":
             return

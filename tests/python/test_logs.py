@@ -294,13 +294,14 @@ def test_decoding_like_cantools(message: cantools.database.Message, random: obje
 
 
 def test_one_bit_is_a_flag_unless_its_values_have_words(tmp_path: Path) -> None:
-    """Nor is one that is signed, scaled or wider."""
+    """Nor is one that is signed, scaled or wider; words of a float stand for none of its values."""
     dbc = tmp_path / "x.dbc"
     dbc.write_text(
         'VERSION ""\nBU_: A\nBO_ 100 M: 8 A\n SG_ bare : 0|1@1+ (1,0) [0|1] "" A\n'
         ' SG_ worded : 1|1@1+ (1,0) [0|1] "" A\n SG_ signed : 2|1@1- (1,0) [0|0] "" A\n'
         ' SG_ scaled : 3|1@1+ (2,0) [0|0] "" A\n SG_ wide : 8|2@1+ (1,0) [0|3] "" A\n'
-        'VAL_ 100 worded 0 "off" 1 "on" ;\n'
+        ' SG_ real : 32|32@1- (1,0) [0|0] "" A\nVAL_ 100 worded 0 "off" 1 "on" ;\nVAL_ 100 real 0 "off" 1 "on" ;\n'
+        "SIG_VALTYPE_ 100 real : 1;\n"
     )
     with pytest.raises(UserError, match=r"y\.dbc: no such file$"):
         Decoder(tmp_path / "y.dbc")
@@ -338,6 +339,9 @@ def test_decoding_tells_units_and_takes_a_signal_whose_selector_is_not_there(
     ((name, values),) = decoding._signals(SimpleNamespace(signals=[lost]), data, lengths)
     assert name == "a"
     np.testing.assert_array_equal(values, [7.0, np.nan])
+    lost.start = 8  # beyond all frames
+    ((_, values),) = decoding._signals(SimpleNamespace(signals=[lost]), data, lengths)
+    assert np.isnan(values).all()
     monkeypatch.setattr(decoding, "_load", lambda path: object())  # of diagnostics
     with pytest.raises(UserError, match=r"x\.dbc: describes no CAN messages"):
         Decoder(dbc)
@@ -440,6 +444,7 @@ def test_an_extended_identifier_is_another_message(tmp_path: Path) -> None:
     log = frames(Path("made"), np.arange(5.0), [100] * 5, [bytes([i]) for i in range(5)], flags)
     found = Decoder(dbc).decode(log)
     assert {name: decoded.signals["a"].tolist() for name, decoded in found.items()} == {"P": [0.0], "X": [1.0]}
+    assert [*Decoder(dbc, ["X"]).decode(log)] == ["X"]
 
 
 SCREEN = """

@@ -403,7 +403,7 @@ def test_simple_terms_of_equations_of_the_user_s_own(monkeypatch: pytest.MonkeyP
     motion: list[dict[str, Array]] = [{"v": v}]
     model: Any = SimpleNamespace(case=case)
     model.bind = lambda inputs, mask: SimpleNamespace(motion=lambda theta: motion[0])
-    factor = {"d_v": np.array([1.0, -4.0]), "dead": np.zeros(2)}
+    factor = {"d_v": np.array([1.0, -4.0]) / 8.0, "dead": np.zeros(2)}  # below a noise sd, and nothing
 
     def act(model: Any, theta: Array, target: str, rows: Mask, sigma: Array) -> Any:
         return lambda features: factor[target][:, None] * features[:, None]
@@ -420,7 +420,7 @@ def test_simple_terms_of_equations_of_the_user_s_own(monkeypatch: pytest.MonkeyP
         (shape,) = found[f"d_v: {name}"]
         loud = 4.0 * np.sqrt(np.mean(feature**2))
         assert (shape.lower, shape.upper, shape.values) == (-np.inf, np.inf, ())
-        assert shape.scale == pytest.approx(1.0 / loud)
+        assert shape.scale == pytest.approx(8.0 / loud)
         np.testing.assert_allclose(shape.columns[:, 0], np.concatenate([feature, -4.0 * feature]) / loud)
     motion[0] = {}
     assert terms_of(model, np.zeros(1), rows, np.ones(2)) == {}
