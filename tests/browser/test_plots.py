@@ -177,7 +177,7 @@ def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path)
 
 
 def test_another_case_over_and_beside(page: Page, server: Server) -> None:
-    """Two cases on the same axes, side by side, and why one of another kind cannot lie over it."""
+    """Two cases on the same axes, side by side, and why one of another kind cannot lie over it; an effect."""
     for name in ("warm", "cool"):
         shutil.copytree(Path(__file__).parents[2] / "cases" / "heated_motor", server.workspace / "cases" / name)
     server.ask("POST", "/api/examples/forced_slip_sand")
@@ -198,6 +198,8 @@ def test_another_case_over_and_beside(page: Page, server: Server) -> None:
     expect(beside.locator("canvas").first).to_be_visible()
     choice.select_option("case:forced_slip_sand")
     expect(page.locator(".compare-with .warn")).to_contain_text("It measures no current")
+    choice.select_option("model:speed_squared+motor_heating")  # nobody has looked for what is missing yet
+    expect(page.locator(".compare-with tbody tr").last).to_contain_text("motor_heating")
     choice.select_option("")
     expect(beside).to_be_hidden()
     expect(page.locator(".compare-with table")).to_have_count(0)

@@ -30,11 +30,14 @@ export class CompareWith {
     const models = [...new Set(sets.map((set) => set.join('+')))].filter((set) => set !== now).slice(0, MODELS);
     /** @param {string} set */
     const title = (set) => [view.base, ...set.split('+').filter(Boolean)].join(' + ');
-    const known = ['', ...models.map((set) => `model:${set}`), ...this.cases.map((name) => `case:${name}`)];
+    const more = view.catalogue.map((name) => [...effects, name].join('+')).filter((set) => !models.includes(set));
+    const known = ['', ...[...models, ...more].map((set) => `model:${set}`), ...this.cases.map((name) => `case:${name}`)];
     if (!known.includes(this.chosen)) this.chosen = '';
     /** @param {string} value @param {string} text */
     const option = (value, text) => h('option', { value, text, selected: value === this.chosen });
-    this.choice.replaceChildren(option('', 'nothing'), ...(models.length ? [h('optgroup', { label: 'another model of these data' }, models.map((set) => option(`model:${set}`, title(set))))] : []),
+    /** @param {string} label @param {string[]} sets */
+    const group = (label, sets) => (sets.length ? [h('optgroup', { label }, sets.map((set) => option(`model:${set}`, title(set))))] : []);
+    this.choice.replaceChildren(option('', 'nothing'), ...group('another model of these data', models), ...group('with one effect of the catalogue', more),
       ...(this.cases.length ? [h('optgroup', { label: 'another case' }, this.cases.map((name) => option(`case:${name}`, name)))] : []));
     void this.fetch();
   }
