@@ -80,7 +80,8 @@ class Saying:
             "noise_around": lambda *_, again: SimpleNamespace(sigma="sigma around"),
             "_with_each_alone": lambda analysis, ranking, told: ranking, "_candidates": lambda *_: ("candidates",),
             "aliases": lambda *_: ("aliases",), "_where": lambda *_: ("where",), "_ladder": lambda *_: ("rung", "last"),
-            "part_of": lambda *_: "part", "front": lambda *_: ("front",), "weights": lambda *_: ("weights",),
+            "part_of": lambda *_: "part", "front": lambda *_: ("front",),
+            "_whole": lambda *_: {"whole": 1.0}, "weights": lambda *_: ("weights",),
             "classes": lambda *_: ("classes",), "_curve": lambda *_: "curve", "_operating": lambda *_: ("operating",),
             "selection": lambda *_: (Selected(("a",), "catalogue", 1.0),),
         }  # fmt: skip
@@ -116,6 +117,8 @@ def test_one_answer_is_said_with_its_noise_and_its_rate(monkeypatch: pytest.Monk
     assert said.asked["_curve"][0][3] is top.fit
     assert said.asked["_operating"][0][1] is top
     assert said.asked["weights"][0][1] == ("every",)
+    assert said.asked["_whole"][0] == (("every",), Decision("missing", 0.9, (top,), classes=("every",)), 0.9)  # type: ignore[arg-type]
+    assert said.asked["front"][0][3] == {"whole": 1.0}
     assert said.asked["_with_each_alone"][0][2] == [("a", "b")]
     assert Saying(monkeypatch, Decision("missing", 0.9, (top,)))(bootstrap=30).selected[0].frequency == 1.0
 

@@ -220,6 +220,7 @@ def test_what_was_weighed_is_explained(examples: dict[str, Example]) -> None:
     assert found.missing in found.weighed[0].sets
     assert [len(step.effects) for step in found.front] == list(range(len(found.front)))
     assert found.front[1].effects == found.missing
+    assert found.front[1].probability == found.probability  # an answer is one thing told once
     errors = [step.heldout_error or 0.0 for step in found.front]
     assert errors == sorted(errors, reverse=True)
     said = _words(explain(story))

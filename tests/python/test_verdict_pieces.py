@@ -265,9 +265,11 @@ def test_the_front_goes_on_as_long_as_held_out_rows_gain(errors: Any) -> None:
         def __getitem__(self, place: int) -> float | None:
             return (self.train, self.held)[place]
 
+    whole = {("a", "b"): 0.6}  # of its class, as the verdict has it
+
     def told(*pairs: tuple[Hypothesis, float]) -> list[tuple[str, float]]:
         ranking: Any = SimpleNamespace(probability=lambda kind: 0.1, pairs=lambda: list(pairs))
-        return [(" ".join(s.effects), s.probability) for s in front(errors, ranking, np.ones(1))]
+        return [(" ".join(s.effects), s.probability) for s in front(errors, ranking, np.ones(1), whole)]
 
     errors.fit = Fit(3.0, 3.0)
     original = misfit.absent
@@ -275,7 +277,7 @@ def test_the_front_goes_on_as_long_as_held_out_rows_gain(errors: Any) -> None:
     try:
         best, second = one("a", Fit(2.0, 2.0)), one("b", Fit(1.0, 1.0))
         two, worse = one("a b", Fit(1.5, 1.9)), one("c d e", Fit(0.5, 1.9))
-        assert told((two, 0.5), (best, 0.3), (second, 0.05), (worse, 0.05)) == [("", 0.1), ("a", 0.3), ("a b", 0.5)]
+        assert told((two, 0.5), (best, 0.3), (second, 0.05), (worse, 0.05)) == [("", 0.1), ("a", 0.3), ("a b", 0.6)]
         assert told((one("a", Fit(1.0, 3.0)), 0.9)) == [("", 0.1)]
         assert told((one("gone", Fit(1.0, 1.0)), 0.9)) == told((one("a", Fit(1.0, 1.0), "part"), 0.9)) == [("", 0.1)]
         errors.fit = Fit(3.0, None)  # nothing is held out: by the training runs

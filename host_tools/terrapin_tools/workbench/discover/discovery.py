@@ -27,7 +27,16 @@ from terrapin_tools.workbench.compare.comparison import (
     sds,
 )
 from terrapin_tools.workbench.discover.certainty import Operating, calibrated, operating_characteristic
-from terrapin_tools.workbench.discover.decide import Decision, Weight, aliases, classes, decide, weights, with_curves
+from terrapin_tools.workbench.discover.decide import (
+    Class,
+    Decision,
+    Weight,
+    aliases,
+    classes,
+    decide,
+    weights,
+    with_curves,
+)
 from terrapin_tools.workbench.discover.leftover import Doubts, around, doubts, noise_left, sd_of, stand_alone
 from terrapin_tools.workbench.discover.misfit import Part, Step, front, importance, part_of
 from terrapin_tools.workbench.discover.ranker import Hypothesis
@@ -186,6 +195,7 @@ def decided(
     ranking = _with_each_alone(analysis, ranking, [h.effects for h in said.told])
     sure = dict.fromkeys(missing, probability) if verdict == "partial" else {}
     candidates = _candidates(analysis, ranking, noise, answer, sure)
+    sets = said.classes or classes(analysis, ranking)
     return Discovery(
         analysis=analysis,
         ranking=ranking,
@@ -202,8 +212,8 @@ def decided(
         part=part_of(analysis, answer, said.column, noise.sigma)
         if verdict == "partial" and answer is not None
         else None,
-        front=front(analysis, ranking, noise.sigma),
-        weighed=weights(ranking, said.classes or classes(analysis, ranking)),
+        front=front(analysis, ranking, noise.sigma, _whole(sets, said, probability)),
+        weighed=weights(ranking, sets),
         blamed=said.blamed,
         unknown=_curve(analysis, ranking, said, answer),
         operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
@@ -211,6 +221,14 @@ def decided(
         doubts=doubted,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
+
+
+def _whole(every: Sequence[Class], said: Decision, probability: float) -> dict[tuple[str, ...], float]:
+    """Of each set that its class is called by: its probability to be all that is missing, as the verdict tells it."""
+    found = {h.effects: calibrated(share, "missing") for one in every for h, share in one.names}
+    if said.verdict in ("missing", "ambiguous"):
+        found[said.told[0].effects] = probability
+    return found
 
 
 def _with_each_alone(analysis: Analysis, ranking: Ranking, told: Sequence[tuple[str, ...]]) -> Ranking:

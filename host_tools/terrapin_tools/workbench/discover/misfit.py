@@ -151,9 +151,12 @@ def _left(analysis: Analysis, fit: Fit) -> Array:
     return measured(fit.model, analysis.rows) - predict(fit, analysis.rows)
 
 
-def front(analysis: Analysis, ranking: Ranking, sigma: Array) -> tuple[Step, ...]:
+def front(
+    analysis: Analysis, ranking: Ranking, sigma: Array, said: Mapping[tuple[str, ...], float]
+) -> tuple[Step, ...]:
     """No term, one, two ...: the likeliest set of each number, as long as more terms predict the held-out runs better,
-    or the training runs where none is held out."""
+    or the training runs where none is held out. `said`: probability of a set to be all that is missing, as it is told
+    elsewhere."""
     case, found = analysis.case, list[Step]()
     nothing = ranking.probability("nothing")
     steps: dict[int, tuple[tuple[str, ...], float, Fit]] = {0: ((), nothing, analysis.fit)}
@@ -163,7 +166,7 @@ def front(analysis: Analysis, ranking: Ranking, sigma: Array) -> tuple[Step, ...
     for _, (effects, p, fit) in sorted(steps.items()):
         train, held = error(fit, case.train, sigma), error(fit, case.test, sigma)
         assert train is not None
-        step = Step(effects, p, train, held)
+        step = Step(effects, said.get(effects, p), train, held)
         if found and _error(step) >= _error(found[-1]):
             break
         found.append(step)
