@@ -7,8 +7,9 @@ a decay, a deviation from a reference value. A prior factor says how much more a
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +55,154 @@ class Term:
         return {name: scale.start for name, scale in self.scales.items()}
 
 
+@dataclass(frozen=True)
+class Column:
+    """What a shape is made of: a column's name in formulas, its values (rows,), its unit, and names that its scales may
+    have. `lowest` and `free` as of `shapes`."""
+
+    name: str
+    values: Array
+    unit: str
+    x0: str
+    w: str
+    tau: str
+    lowest: float = LOWEST
+    free: bool = False
+
+    @cached_property
+    def low(self) -> float:
+        return float(self.values.min())
+
+    @cached_property
+    def high(self) -> float:
+        return float(self.values.max())
+
+    @property
+    def span(self) -> float:
+        return self.high - self.low
+
+    @property
+    def size(self) -> float:
+        return max(abs(self.low), abs(self.high))
+
+    @property
+    def one_sign(self) -> bool:
+        return self.low >= 0.0 or self.high <= 0.0
+
+    @property
+    def middle(self) -> float:
+        return 0.5 * (self.low + self.high)
+
+    @property
+    def near(self) -> tuple[float, float]:
+        """Around 0, where a bend shows."""
+        return 0.02 * self.size, 1.2 * self.size
+
+    @property
+    def magnitude(self) -> str:
+        return self.name if self.low >= 0.0 else f"abs({self.name})"
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Of the magnitude."""
+        return (self.low, self.high) if self.low >= 0.0 else (0.0, self.size)
+
+    def term(self, text: str, prior: float, **scales: tuple[float, tuple[float, float]]) -> Term:
+        """`scales`: start and bounds of each, in the column's unit."""
+        return Term(text, {key: Scale(start, *limits, self.unit) for key, (start, limits) in scales.items()}, prior)
+
+
+def _powers(c: Column) -> Iterator[Term]:
+    yield c.term(c.name, 1.0)
+    yield c.term(f"{c.name}**2", SHAPE_COST)
+    yield c.term(f"{c.name}**3", SHAPE_COST**1.5)
+    yield c.term(f"{c.name}**4", SHAPE_COST**2.5)
+    yield c.term(f"{c.magnitude}**1.5", SHAPE_COST**2)
+
+
+def _of_an_angle(c: Column) -> Iterator[Term]:
+    if c.unit == "rad" and c.span > 1.0:
+        yield from (c.term(f"{wave}({c.name})", SHAPE_COST) for wave in ("sin", "cos"))
+
+
+def _of_one_sign(c: Column) -> Iterator[Term]:
+    if not c.one_sign:
+        return
+    yield Term(f"({c.name} {'-' if c.low >= 0.0 else '+'} {abs(c.middle):.3g})", {}, 1.0, centred=True)
+    if c.low > 0.0 and c.high > DECADE * c.low and (c.free or c.unit in ("", "1")):
+        yield Term(f"log({c.name}/{c.middle:.3g})", {}, SHAPE_COST, centred=True)
+    yield c.term(f"sqrt({c.magnitude})", SHAPE_COST)
+    if c.low >= 0.0:  # a deviation from a reference, which may lie outside what was measured
+        for share in (0.0, 0.25, 0.5, 0.75):
+            reference = {c.x0: (c.low + share * c.span, (c.low - c.size, c.high + c.size))}
+            yield c.term(f"({c.name} - {c.x0})", 0.3 * SHAPE_COST, **reference)
+
+
+def _of_both_signs(c: Column) -> Iterator[Term]:
+    if c.one_sign:
+        return
+    yield c.term(f"abs({c.name})", SHAPE_COST)
+    yield c.term(f"{c.name}*abs({c.name})", SHAPE_COST)
+    yield c.term(f"sign({c.name})", SHAPE_COST)
+    yield c.term(f"abs({c.name})**3", SHAPE_COST**2)
+    yield c.term(f"sqrt(abs({c.name}))", SHAPE_COST**1.5)
+    yield c.term(f"sign({c.name})*sqrt(abs({c.name}))", SHAPE_COST**1.5)
+
+
+def _dead_zones(c: Column) -> Iterator[Term]:
+    floor, top = c.ends
+    dead = (floor + c.lowest * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
+    for share in ((0.25,) if c.lowest < 0.25 else ()) + (0.45, 0.7):
+        edge = {c.w: (floor + share * (top - floor), dead)}
+        yield c.term(f"max({c.magnitude} - {c.w}, 0)", SHAPE_COST**3, **edge)
+        if not c.one_sign:
+            yield c.term(f"sign({c.name})*max({c.magnitude} - {c.w}, 0)", SHAPE_COST**3, **edge)
+
+
+def _saturations(c: Column) -> Iterator[Term]:
+    floor, top = c.ends
+    if floor < 0.5 * top:  # else it is out of sight
+        for share in (0.1, 0.3):
+            start = (share * c.size, c.near)
+            yield c.term(f"tanh({c.name}/{c.w})", 0.5 * SHAPE_COST**1.5, **{c.w: start})
+            yield c.term(f"{c.name}/({c.magnitude} + {c.x0})", 0.5 * SHAPE_COST**1.5, **{c.x0: start})
+
+
+def _logarithm_and_inverses(c: Column) -> Iterator[Term]:
+    if c.low <= 0.0:
+        return
+    if c.unit in ("", "1"):
+        yield c.term(f"log({c.name})", SHAPE_COST)
+    else:
+        yield c.term(f"log({c.name}/{c.x0})", SHAPE_COST, **{c.x0: (c.middle, (c.low, c.high))})
+    if c.low > 0.02 * c.high:
+        yield c.term(f"1/{c.name}", SHAPE_COST)
+        yield c.term(f"1/{c.name}**2", SHAPE_COST**1.5)
+
+
+def _decays(c: Column) -> Iterator[Term]:
+    if c.low >= 0.0 and c.span > 0.0:
+        for share in (0.06, 0.15, 0.4, 1.0):
+            yield c.term(f"exp(-{c.name}/{c.tau})", 0.25 * SHAPE_COST, **{c.tau: (share * c.high, c.near)})
+    else:
+        for share in (0.15, 0.5):
+            start = {c.tau: (share * c.size, c.near)}
+            yield c.term(f"exp(-abs({c.name})/{c.tau})", 0.5 * SHAPE_COST**1.5, **start)
+
+
+def _steps(c: Column) -> Iterator[Term]:
+    yield from _steps_in(c.name, c.values, c.w, c.unit)
+    if not c.one_sign:
+        yield from _steps_in(f"abs({c.name})", np.abs(c.values), c.w, c.unit)
+
+
+# Each is an entry: what it gives for a column. A further one needs nothing else.
+SHAPES: tuple[Callable[[Column], Iterator[Term]], ...] = (
+    _powers, _of_an_angle, _of_one_sign, _of_both_signs, _dead_zones, _saturations, _logarithm_and_inverses, _decays,
+    _steps,
+)  # fmt: skip
+
+
 def shapes(
     name: str, values: Array, unit: str, taken: Collection[str] = (), lowest: float = LOWEST, free: bool = False
 ) -> list[Term]:
@@ -65,77 +214,13 @@ def shapes(
     Scales have names that are not `taken`. Every term is sound in its units: what exp, tanh or log see has none.
     """
     x0, w, tau = (free_name(n, {*taken, name}) for n in ("x0", "w", "tau"))
-    low, high = float(values.min()), float(values.max())
-    size, span = max(abs(low), abs(high)), high - low
-    one_sign = low >= 0.0 or high <= 0.0
-    near = (0.02 * size, 1.2 * size)  # of 0, where a bend shows
-
-    def term(text: str, prior: float, **scales: tuple[float, tuple[float, float]]) -> Term:
-        return Term(text, {key: Scale(start, *limits, unit) for key, (start, limits) in scales.items()}, prior)
-
+    column = Column(name, values, unit, x0, w, tau, lowest, free)
     if set(np.unique(values)) == {0.0, 1.0}:  # in one group or not: every other shape is the same
-        return [term(name, 1.0)]
-    magnitude = name if low >= 0.0 else f"abs({name})"
-    floor, top = (low, high) if one_sign and low >= 0.0 else (0.0, size)
-    found = [
-        term(name, 1.0),
-        term(f"{name}**2", SHAPE_COST),
-        term(f"{name}**3", SHAPE_COST**1.5),
-        term(f"{name}**4", SHAPE_COST**2.5),
-        term(f"{magnitude}**1.5", SHAPE_COST**2),
-    ]
-    if unit == "rad" and span > 1.0:
-        found += [term(f"{wave}({name})", SHAPE_COST) for wave in ("sin", "cos")]
-    if one_sign:
-        middle = f"{'-' if low >= 0.0 else '+'} {abs(0.5 * (low + high)):.3g}"
-        found.append(Term(f"({name} {middle})", {}, 1.0, centred=True))
-        if low > 0.0 and high > DECADE * low and (free or unit in ("", "1")):
-            found.append(Term(f"log({name}/{0.5 * (low + high):.3g})", {}, SHAPE_COST, centred=True))
-        found.append(term(f"sqrt({magnitude})", SHAPE_COST))
-        if low >= 0.0:  # a deviation from a reference, which may lie outside what was measured
-            for share in (0.0, 0.25, 0.5, 0.75):
-                reference = {x0: (low + share * span, (low - size, high + size))}
-                found.append(term(f"({name} - {x0})", 0.3 * SHAPE_COST, **reference))
-    else:
-        found += [
-            term(f"abs({name})", SHAPE_COST),
-            term(f"{name}*abs({name})", SHAPE_COST),
-            term(f"sign({name})", SHAPE_COST),
-            term(f"abs({name})**3", SHAPE_COST**2),
-            term(f"sqrt(abs({name}))", SHAPE_COST**1.5),
-            term(f"sign({name})*sqrt(abs({name}))", SHAPE_COST**1.5),
-        ]
-    dead = (floor + lowest * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
-    for share in ((0.25,) if lowest < 0.25 else ()) + (0.45, 0.7):
-        edge = {w: (floor + share * (top - floor), dead)}
-        found.append(term(f"max({magnitude} - {w}, 0)", SHAPE_COST**3, **edge))
-        if not one_sign:
-            found.append(term(f"sign({name})*max({magnitude} - {w}, 0)", SHAPE_COST**3, **edge))
-    if floor < 0.5 * top:  # else a saturation is out of sight
-        for share in (0.1, 0.3):
-            prior = 0.5 * SHAPE_COST**1.5
-            found.append(term(f"tanh({name}/{w})", prior, **{w: (share * size, near)}))
-            found.append(term(f"{name}/({magnitude} + {x0})", prior, **{x0: (share * size, near)}))
-    if low > 0.0:
-        if unit in ("", "1"):
-            found.append(term(f"log({name})", SHAPE_COST))
-        else:
-            found.append(term(f"log({name}/{x0})", SHAPE_COST, **{x0: (0.5 * (low + high), (low, high))}))
-        if low > 0.02 * high:
-            found += [term(f"1/{name}", SHAPE_COST), term(f"1/{name}**2", SHAPE_COST**1.5)]
-    if low >= 0.0 and span > 0.0:
-        for share in (0.06, 0.15, 0.4, 1.0):
-            found.append(term(f"exp(-{name}/{tau})", 0.25 * SHAPE_COST, **{tau: (share * high, near)}))
-    else:
-        for share in (0.15, 0.5):
-            found.append(term(f"exp(-abs({name})/{tau})", 0.5 * SHAPE_COST**1.5, **{tau: (share * size, near)}))
-    found += _steps(name, values, w, unit)
-    if not one_sign:
-        found += _steps(f"abs({name})", np.abs(values), w, unit)
-    return found
+        return [column.term(name, 1.0)]
+    return [term for each in SHAPES for term in each(column)]
 
 
-def _steps(name: str, values: Array, w: str, unit: str) -> list[Term]:
+def _steps_in(name: str, values: Array, w: str, unit: str) -> list[Term]:
     """A jump where the column passes a value that lies between two that occur."""
     known = np.unique(values)
     if len(known) < 3:
