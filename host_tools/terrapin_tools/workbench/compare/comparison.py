@@ -274,20 +274,7 @@ def _stuck(case: Case) -> Mask:
 
 def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, held: Mask) -> Analysis:
     """The answer for the rows of a case as it is, fitted as `_fitted` says."""
-    odd = np.zeros(case.rows, dtype=bool)
-    fits, noise, nuisance, known = fitted
-    columns, looked_at, whole = numeric_columns(case), case.train | case.test, case
-    for _ in range(ROUNDS):
-        if not noise.odd.any() or odd.sum() + noise.odd.sum() > odd_limit(len(odd)):
-            break
-        odd[np.flatnonzero(case.train | case.test)[noise.odd]] = True
-        apart = farthest(free_slopes(fits[-1], noise.sigma, looked_at)[1], looked_at)
-        if gathered(odd, apart, case.run, columns, looked_at):
-            odd, case = np.zeros_like(odd), whole
-            fits, noise, nuisance, known = fitted
-            break
-        case = replace(case, train=case.train & ~odd, test=case.test & ~odd)
-        fits, noise, nuisance, known = _fitted(case, seed)
+    case, odd, (fits, noise, nuisance, known) = _without_odd(case, seed, fitted)
     rows, sigma, model = case.train | case.test, noise.sigma, fits[-1].model
     prediction, residual, slopes = free_slopes(fits[-1], sigma, rows)
     directions = _directions(model, fits[-1].theta, rows, sigma) if known is None else known
@@ -312,16 +299,6 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, h
     scaled = residual / sigma[:, None]
     where = where_it_fails(case, adequacy, scaled, rows, numeric_columns(case), model.channels) if missing else []
     told = noise if missing else noise_around(case, fits[-1], noise)
-    sd = sds(fits[-1], case, sigma, told)
-    if missing:  # the misfit then outweighs the noise, and only its scatter over runs says how uncertain we are
-        robust = covariance(fits[-1], case.run[case.train], noise.node)[1]
-        sd = np.maximum(sd, np.sqrt(np.maximum(np.diag(robust), 0.0)))
-    names: list[str | None] = [None, *case.effects]
-    ladder = []
-    for name, fit in zip(names, fits, strict=True):
-        train_error = error(fit, case.train, sigma)
-        assert train_error is not None, "a case has training rows"
-        ladder.append(Rung(name, train_error, error(fit, case.test, sigma), fit))
     return Analysis(
         case=case,
         model=model,
@@ -329,10 +306,10 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, h
         noise=noise,
         told=told,
         fit=fits[-1],
-        sd=sd,
+        sd=_sd(fits[-1], case, noise, told, missing),
         adequacy=adequacy,
         where=where,
-        ladder=ladder,
+        ladder=_ladder(case, fits, sigma),
         rows=rows,
         prediction=prediction,
         residual=residual,
@@ -344,6 +321,43 @@ def _analysed(case: Case, seed: int, level: float, step: int, fitted: _Fitted, h
         felt=felt,
         step=step,
     )
+
+
+def _sd(fit: Fit, case: Case, noise: Noise, told: Noise, missing: bool) -> Array:
+    """Of the parameters. Where something is missing the misfit outweighs the noise, and only its scatter over runs says
+    how uncertain they are."""
+    sd = sds(fit, case, noise.sigma, told)
+    if missing:
+        robust = covariance(fit, case.run[case.train], noise.node)[1]
+        sd = np.maximum(sd, np.sqrt(np.maximum(np.diag(robust), 0.0)))
+    return sd
+
+
+def _without_odd(case: Case, seed: int, fitted: _Fitted) -> tuple[Case, Mask, _Fitted]:
+    """A case without the rows that stand alone, which those are, and its fits; as it is where they lie together."""
+    odd, now, found = np.zeros(case.rows, dtype=bool), case, fitted
+    columns, looked_at = numeric_columns(case), case.train | case.test
+    for _ in range(ROUNDS):
+        fits, noise, _, _ = found
+        if not noise.odd.any() or odd.sum() + noise.odd.sum() > odd_limit(len(odd)):
+            break
+        odd[np.flatnonzero(now.train | now.test)[noise.odd]] = True
+        apart = farthest(free_slopes(fits[-1], noise.sigma, looked_at)[1], looked_at)
+        if gathered(odd, apart, case.run, columns, looked_at):
+            return case, np.zeros_like(odd), fitted
+        now = replace(now, train=now.train & ~odd, test=now.test & ~odd)
+        found = _fitted(now, seed)
+    return now, odd, found
+
+
+def _ladder(case: Case, fits: Sequence[Fit], sigma: Array) -> list[Rung]:
+    """The base, and each effect that was added, with their errors."""
+    ladder = []
+    for name, fit in zip((None, *case.effects), fits, strict=True):
+        train_error = error(fit, case.train, sigma)
+        assert train_error is not None, "a case has training rows"
+        ladder.append(Rung(name, train_error, error(fit, case.test, sigma), fit))
+    return ladder
 
 
 def _felt(model: Model, theta: Array, prediction: Array, rows: Mask, sigma: Array) -> Array | None:

@@ -96,24 +96,47 @@ def _side(
         gain = (cost - fit.cost) * (white / sd) ** 2
         return float(np.sqrt(max(gain, 0.0))) / SDS if np.isfinite(cost) else np.inf, theta
 
-    first = float(fit.theta[place])
-    inside, low, others = first, 0.0, fit.theta
-    step = SDS * sd
+    found = _outward(rise, float(fit.theta[place]), fit.theta, way * SDS * sd, bound)
+    return _narrowed(rise, found) if isinstance(found, _Between) else found
+
+
+Rise = Callable[[float, Array], tuple[float, Array]]
+
+
+@dataclass(frozen=True)
+class _Between:
+    """The end lies between two values: at the one inside the rise is `low`, with the others at `near`; `high`, 1 or
+    more, at the one outside."""
+
+    inside: float
+    low: float
+    near: Array
+    outside: float
+    high: float
+
+
+def _outward(rise: Rise, inside: float, near: Array, step: float, bound: float) -> _Between | tuple[float | None, str]:
+    """Where an end lies on the way from the fit; or the end, where the way ends first, and why."""
+    first, low = inside, 0.0
     for _ in range(FARTHER + 1):
-        outside = first + way * step
-        at_bound = way * (outside - bound) >= 0.0
+        outside = first + step
+        at_bound = np.sign(step) * (outside - bound) >= 0.0
         outside = bound if at_bound else outside
         if outside == inside:
             return bound, "bound"
-        high, theta = rise(outside, others)
+        high, theta = rise(outside, near)
         if high >= 1.0:
-            break
+            return _Between(inside, low, near, outside, high)
         if at_bound:
             return bound, "bound"
-        inside, low, others = outside, high, theta
+        inside, low, near = outside, high, theta
         step *= 2.0
-    else:
-        return None, "open"
+    return None, "open"
+
+
+def _narrowed(rise: Rise, found: _Between) -> tuple[float, str]:
+    """The end between two values, by the secant within the middle eight tenths."""
+    inside, low, near, outside, high = vars(found).values()
     for _ in range(NARROWED):
         if abs(high - 1.0) <= CLOSE:
             return outside, "closes"
@@ -121,11 +144,11 @@ def _side(
         middle = inside + min(max(share, 0.1), 0.9) * (outside - inside)
         if middle in (inside, outside):
             break
-        value, theta = rise(middle, others)
+        value, theta = rise(middle, near)
         if value >= 1.0:
             outside, high = middle, value
         else:
-            inside, low, others = middle, value, theta
+            inside, low, near = middle, value, theta
             if 1.0 - low <= CLOSE:
                 return inside, "closes"
     return inside, "closes" if low >= EDGE else "no numbers"

@@ -171,25 +171,15 @@ def decided(
 ) -> Discovery:
     """What is said of what was weighed."""
     report("does it bring the model to the noise floor?")
-    analysis, ranking = found.analysis, found.ranking
-    said = decide(analysis, ranking, level)
-    if said.verdict in ("unexplained", "partial") and not said.blamed and analysis is not found.whole[0]:
-        # rows were left out beside an answer that is none: they may be what is not understood
-        every = found.whole
-        other = decide(*every, level)
-        if other.verdict in ("unexplained", "partial"):
-            (analysis, ranking), said = every, other
+    analysis, ranking, said = _said(found, level)
     top, verdict, rivals = next(iter(said.told), None), said.verdict, said.told
     missing = top.effects if top is not None else ()
     doubted = doubts(analysis, top.fit if top is not None and top.fit is not None else analysis.fit)
     probability = min(said.probability, DOUBTED) if doubted else said.probability
     report("what to measure next")
-    experiment = None
-    if verdict == "ambiguous":
-        told_apart = [(h.effects, h.fit) for h in rivals if h.fit is not None]
-        formulas = {name: one.expression for name, one in ranking.expressions.items()}
-        experiment = propose(analysis, told_apart, noise_left(analysis, told_apart[0][1])[0], formulas)
-    answer = top.fit if missing and top is not None else None
+    experiment = _telling_apart(analysis, ranking, rivals) if verdict == "ambiguous" else None
+    named = top if missing else None
+    answer = None if named is None else named.fit
     again = None if answer is None else noise_around(analysis.case, answer, analysis.noise, again=True)
     noise = again or analysis.told
     ranking = _with_each_alone(analysis, ranking, [h.effects for h in said.told])
@@ -207,20 +197,36 @@ def decided(
         aliases=aliases(analysis, ranking, said),
         experiment=experiment,
         where=_where(analysis, ranking, top, "" if missing else said.column),
-        ladder=_ladder(analysis, top if missing else None, noise),
+        ladder=_ladder(analysis, named, noise),
         best=_ladder(analysis, top, noise)[-1] if top is not None and top.fit is not None else None,
-        part=part_of(analysis, answer, said.column, noise.sigma)
-        if verdict == "partial" and answer is not None
-        else None,
+        part=_part(analysis, said, answer, noise),
         front=front(analysis, ranking, noise.sigma, _whole(sets, said, probability)),
         weighed=weights(ranking, sets),
         blamed=said.blamed,
         unknown=_curve(analysis, ranking, said, answer),
-        operating=_operating(ranking, top if missing else None, rivals, analysis, seed),
+        operating=_operating(ranking, named, rivals, analysis, seed),
         around=again,
         doubts=doubted,
         selected=selection(analysis, ranking, bootstrap, seed) if bootstrap else (),
     )
+
+
+def _said(found: Weighed, level: float) -> tuple[Analysis, Ranking, Decision]:
+    """The decision, and what it is of: all rows where rows were left out beside an answer that is none, for they may be
+    what is not understood."""
+    said = decide(found.analysis, found.ranking, level)
+    if said.verdict in ("unexplained", "partial") and not said.blamed and found.analysis is not found.whole[0]:
+        other = decide(*found.whole, level)
+        if other.verdict in ("unexplained", "partial"):
+            return *found.whole, other
+    return found.analysis, found.ranking, said
+
+
+def _telling_apart(analysis: Analysis, ranking: Ranking, rivals: Sequence[Hypothesis]) -> Experiment | None:
+    """The runs that tell rivals apart."""
+    fits = [(h.effects, h.fit) for h in rivals if h.fit is not None]
+    formulas = {name: one.expression for name, one in ranking.expressions.items()}
+    return propose(analysis, fits, noise_left(analysis, fits[0][1])[0], formulas)
 
 
 def _whole(every: Sequence[Class], said: Decision, probability: float) -> dict[tuple[str, ...], float]:
@@ -241,6 +247,12 @@ def _with_each_alone(analysis: Analysis, ranking: Ranking, told: Sequence[tuple[
             fit = extend(analysis.fit, name, bound, measured(analysis.model, case.train), sigma)
             alone[name] = Hypothesis((name,), "expression", -np.inf, fit, ranking.columns[name])
     return replace(ranking, alone=alone)
+
+
+def _part(analysis: Analysis, said: Decision, answer: Fit | None, noise: Noise) -> Part | None:
+    if said.verdict != "partial" or answer is None:
+        return None
+    return part_of(analysis, answer, said.column, noise.sigma)
 
 
 def _curve(analysis: Analysis, ranking: Ranking, said: Decision, answer: Fit | None) -> Curve | None:

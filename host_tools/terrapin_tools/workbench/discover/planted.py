@@ -20,7 +20,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.compare.comparison import LEVEL, Analysis, analyse, free_slopes, measured
-from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.files.units import convert_difference, same_kind
 from terrapin_tools.workbench.model.data_columns import candidates, is_phase
 from terrapin_tools.workbench.model.effect_columns import Shape, loudness, shapes_of
@@ -86,11 +86,9 @@ def plant(
     analysis = analyse(case, seed, level)
     shapes = shapes_of(analysis.model, analysis.fit.theta, effect, analysis.rows, analysis.noise.sigma)
     if not shapes:
-        raise UserError(
-            f"--plant: {name} changes nothing in {case.folder}, expected an effect that these runs can show"
-        )
-    least = min(shape.scale for shape in shapes)
-    shapes = [shape for shape in shapes if shape.scale <= WIDEST * least]
+        why = f"{name} changes nothing in {case.folder}, expected an effect that these runs can show"
+        raise UserError(f"--plant: {why}")
+    shapes = [shape for shape in shapes if shape.scale <= WIDEST * min(one.scale for one in shapes)]
     slopes = free_slopes(analysis.fit, analysis.noise.sigma, analysis.rows)[2] / analysis.noise.sigma[:, None, None]
     basis = orthonormal(slopes.reshape(analysis.residual.size, -1))
     random = np.random.default_rng([seed, 0x91A7])
@@ -106,13 +104,7 @@ def plant(
         table = _table(case, analysis, effect, shape, sizes[-1], random)
         found = discover(table, seed=seed + number, level=level)
         noticed += found.analysis.missing
-        rivals = [set(one) for one in found.rivals]
-        if found.verdict == "missing" and set(found.missing) == {name}:
-            said[name] += 1
-        elif {name} in rivals:
-            said[f"tied {name}"] += 1
-        else:
-            said[_words(found.verdict, found.missing)] += 1
+        said[_said(found, name)] += 1
     return Planted(
         case=case.title,
         effect=name,
@@ -127,6 +119,13 @@ def plant(
         others=tuple(said.most_common()),
         fails=analysis.missing,
     )
+
+
+def _said(found: Discovery, name: str) -> str:
+    """What an answer says of an effect that was hidden: its name alone, that it is tied, or what else."""
+    if found.verdict == "missing" and set(found.missing) == {name}:
+        return name
+    return f"tied {name}" if {name} in [set(one) for one in found.rivals] else _words(found.verdict, found.missing)
 
 
 def size_of(text: str, effect: Effect) -> tuple[float, bool]:

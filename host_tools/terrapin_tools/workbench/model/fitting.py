@@ -61,6 +61,52 @@ class Fit:
         return self.bound.model
 
 
+@dataclass(frozen=True)
+class _Here:
+    """The sum of squares around one place: its gradient, what moves, and the normal equations of that, scaled."""
+
+    gradient: Array
+    moving: Mask
+    scale: Array
+    normal: Array
+
+    @classmethod
+    def at(cls, theta: Array, residual: Array, jacobian: Array, lower: Array, upper: Array, free: Mask) -> _Here:
+        gradient = jacobian.T @ residual
+        held = ~free | ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
+        moving = ~held & (np.abs(jacobian).max(axis=0, initial=0.0) > 0)
+        columns = jacobian[:, moving]
+        scale = np.sqrt((columns * columns).sum(axis=0))
+        return cls(gradient, moving, scale, columns.T @ columns / np.outer(scale, scale))
+
+    def step(self, damping: float) -> Array:
+        found = np.zeros_like(self.gradient)
+        damped = self.normal + damping * np.eye(len(self.scale))
+        found[self.moving] = -np.linalg.solve(damped, self.gradient[self.moving] / self.scale) / self.scale
+        return found
+
+
+@dataclass
+class _Patience:
+    """When a search that still gains ends; as of `minimise`. How often in a row a step gained little, for each why."""
+
+    enough: tuple[float, float]
+    aim: float
+    edge: float
+    slow: int = 0
+    far: int = 0
+    cut: int = 0
+
+    def least(self, cost: float) -> float:
+        return max(self.enough[0] * cost, self.enough[1])
+
+    def over(self, gain: float, cost: float, blocked: bool) -> bool:
+        self.slow = self.slow + 1 if gain <= 1e-6 * cost else 0
+        self.far = self.far + 1 if gain <= HOPELESS * (cost - self.aim) else 0
+        self.cut = self.cut + 1 if blocked and gain <= self.edge * cost else 0
+        return gain <= self.least(cost) or 3 in (self.slow, self.far, self.cut)
+
+
 def minimise(
     evaluate: Evaluate,
     residual: Callable[[Array], Array],
@@ -93,29 +139,19 @@ def minimise(
     """
     theta = np.clip(start, lower, upper)
     r, jac = evaluate(theta)
-    cost = float(r @ r)
-    damping = 1e-4
-    slow = far = cut = 0
+    cost, damping, patience = float(r @ r), 1e-4, _Patience(enough, aim, edge)
     for turn in range(100):
         if not np.isfinite(cost):
             return theta, np.inf
-        gradient = jac.T @ r
-        held = ~free | ((theta <= lower) & (gradient > 0)) | ((theta >= upper) & (gradient < 0))
-        moving = ~held & (np.abs(jac).max(axis=0, initial=0.0) > 0)
-        if not moving.any():
+        here = _Here.at(theta, r, jac, lower, upper, free)
+        if not here.moving.any():
             break
-        columns = jac[:, moving]
-        scale = np.sqrt((columns * columns).sum(axis=0))
-        normal = columns.T @ columns / np.outer(scale, scale)
         improved = blocked = tried = False
         there: tuple[Array, Array] | None = None  # residuals and derivatives of the step that is tried first
         while damping < 1e12:
-            step = np.zeros_like(theta)
-            damped = normal + damping * np.eye(len(scale))
-            step[moving] = -np.linalg.solve(damped, gradient[moving] / scale) / scale
-            new = np.clip(theta + step, lower, upper)
-            promised = abs(float(gradient @ (new - theta)))
-            if np.array_equal(new, theta) or promised <= 0.1 * max(enough[0] * cost, enough[1]):
+            new = np.clip(theta + here.step(damping), lower, upper)
+            promised = abs(float(here.gradient @ (new - theta)))
+            if np.array_equal(new, theta) or promised <= 0.1 * patience.least(cost):
                 break
             if not tried and damping <= TRUSTED and cost - REACH[min(turn, 1)] * promised > floor:
                 return theta, cost
@@ -132,10 +168,7 @@ def minimise(
             break
         gain = cost - new_cost
         theta, cost = new, new_cost
-        slow = slow + 1 if gain <= 1e-6 * cost else 0
-        far = far + 1 if gain <= HOPELESS * (cost - aim) else 0
-        cut = cut + 1 if blocked and gain <= edge * cost else 0
-        if gain <= max(enough[0] * cost, enough[1]) or 3 in (slow, far, cut):
+        if patience.over(gain, cost, blocked):
             break
         damping = max(damping / 20.0, 1e-14)
         r, jac = evaluate(theta) if there is None else there

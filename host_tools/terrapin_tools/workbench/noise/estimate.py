@@ -188,11 +188,17 @@ def _estimate(
     found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()), weights=weights / weights.sum())
     if known.all():
         return found
-    group = repeated_settings(roles, rows)
-    repeats = rows - (int(group.max()) + 1)
+    source = f"no repeated settings: noise sd from the smoothest model ({taken} shapes beside the model's own)"
+    return _with_repeats(replace(found, source=source), residual, runs, repeated_settings(roles, rows), free)
+
+
+def _with_repeats(found: Noise, residual: Array, runs: Sequence[Runs], group: Index, free: Array) -> Noise:
+    """With the sd of repeated settings, where there are enough: together with that of the smoothest model, which has
+    `free` degrees of freedom (channels,), where they are few and agree."""
+    sigma, known, node = found.sigma, found.known, found.node
+    repeats = len(group) - (int(group.max()) + 1)
     if repeats < REPEATS_NEEDED:
-        source = f"no repeated settings: noise sd from the smoothest model ({taken} shapes beside the model's own)"
-        return replace(found, source=source)
+        return found
     repeated = np.array(
         [
             within_scatter(rows, values, group, node.of(c))
@@ -200,7 +206,7 @@ def _estimate(
         ]
     )
     freedom = float(repeats)
-    agree = [_agree(sigma[c], free[c], repeated[c], freedom) for c in range(channels)]
+    agree = [_agree(sigma[c], free[c], repeated[c], freedom) for c in range(len(sigma))]
     if freedom < FEW_REPEATS and all(agree):
         pooled = np.sqrt((free * sigma**2 + freedom * repeated**2) / (free + freedom))
         source = f"noise sd from {repeats} repeats of settings and, agreeing with them, the smoothest model"

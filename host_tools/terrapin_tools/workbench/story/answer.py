@@ -27,27 +27,7 @@ SCHEMA = "terrapin.case/3"
 
 def answer(story: Story) -> dict[str, Any]:
     """What `terrapin compare` and `terrapin discover` write with --json."""
-    found, missing, runs = story.found, {}, {}
-    if found is not None:
-        missing = {
-            "missing": found.missing,
-            "answer_probability": found.probability,
-            "candidates": [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates],
-            "rivals": found.rivals,
-            "part": found.missing if found.part else (),
-            "rest": found.part and _rest(found.part),
-            "formulas": found.formulas,
-            "front": [vars(one) for one in found.front],
-            "weighed": [vars(one) for one in found.weighed],
-            "next_experiment": found.plan and vars(found.plan),
-        }
-        runs = {
-            "odd_runs": found.blamed.runs if found.blamed and found.blamed.kind in ("run", "slope") else (),
-            "mishap": found.blamed and vars(found.blamed),
-            "unknown": found.unknown and vars(found.unknown),
-            "operating": [vars(one) for one in found.operating],
-            "selected": [vars(one) for one in found.selected],
-        }
+    missing, runs = ({}, {}) if story.found is None else (_of_discover(story.found), _of_runs(story.found))
     groups = {
         one.parameter: {
             "by": one.by,
@@ -86,6 +66,31 @@ def answer(story: Story) -> dict[str, Any]:
         "seconds": story.seconds,
     }
     return dict(finite(parts))
+
+
+def _of_discover(found: Findings) -> dict[str, Any]:
+    return {
+        "missing": found.missing,
+        "answer_probability": found.probability,
+        "candidates": [{**vars(c), "parameters": _values(c.parameters)} for c in found.candidates],
+        "rivals": found.rivals,
+        "part": found.missing if found.part else (),
+        "rest": found.part and _rest(found.part),
+        "formulas": found.formulas,
+        "front": [vars(one) for one in found.front],
+        "weighed": [vars(one) for one in found.weighed],
+        "next_experiment": found.plan and vars(found.plan),
+    }
+
+
+def _of_runs(found: Findings) -> dict[str, Any]:
+    return {
+        "odd_runs": found.blamed.runs if found.blamed and found.blamed.kind in ("run", "slope") else (),
+        "mishap": found.blamed and vars(found.blamed),
+        "unknown": found.unknown and vars(found.unknown),
+        "operating": [vars(one) for one in found.operating],
+        "selected": [vars(one) for one in found.selected],
+    }
 
 
 def _rest(one: Part) -> dict[str, Any]:

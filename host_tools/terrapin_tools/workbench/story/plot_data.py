@@ -95,30 +95,27 @@ def drawn_data(
     def numbers(values: Array) -> list[float]:
         return [float(f"{v:.6g}") for v in values[kept]]
 
-    run = case.run[rows]
-    present = np.unique(run)
-    channels = []
-    for name in order:
+    def channel(name: str) -> dict[str, Any]:
         i = drawn.channels.index(name)
-        channels.append(
-            {
-                "name": name,
-                "unit": case.units[name],
-                "noise_sd": float(drawn.sigma[i]),
-                "measured": numbers(drawn.prediction[i] + drawn.residual[i]),
-                "predicted": numbers(drawn.prediction[i]),
-                "base": None if base is None else numbers(base[i]),
-                "previews": [numbers(preview.prediction[i]) for preview in shown],
-            }
-        )
-    held = case.test[rows]
+        return {
+            "name": name,
+            "unit": case.units[name],
+            "noise_sd": float(drawn.sigma[i]),
+            "measured": numbers(drawn.prediction[i] + drawn.residual[i]),
+            "predicted": numbers(drawn.prediction[i]),
+            "base": None if base is None else numbers(base[i]),
+            "previews": [numbers(preview.prediction[i]) for preview in shown],
+        }
+
+    run, held = case.run[rows], case.test[rows]
+    present = np.unique(run)
     return {
         "variable": names[0] if names else "row",
         "columns": {
             **{n: {"values": numbers(columns[n][rows]), "unit": case.units.get(n, "")} for n in names},
             "row": {"values": [int(i) + 1 for i in kept], "unit": ""},
         },
-        "channels": channels,
+        "channels": [channel(name) for name in order],
         "previews": [" + ".join(preview.effects) for preview in shown],
         "sets": [preview.effects for preview in shown],
         "runs": [case.run_names[i] for i in present],

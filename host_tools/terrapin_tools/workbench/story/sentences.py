@@ -238,14 +238,22 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
         sets = _either([spelt(found, one) for one in found.rivals])
         return f"Something is missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
     if found.verdict == "unexplained":
-        if found.blamed:
-            return _mishap(found.blamed, found.probability)
-        if found.unknown:
-            return _curve(found.unknown, found.probability)
-        on = f" It depends on {found.where[0].variable} most." if found.where else ""
-        return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
+        return _unexplained(found, sure)
     if found.verdict == "partial" and found.part:
         return _partial(found, found.part, missing)
+    return _lacking(found, sure, missing)
+
+
+def _unexplained(found: Findings, sure: str) -> str:
+    if found.blamed:
+        return _mishap(found.blamed, found.probability)
+    if found.unknown:
+        return _curve(found.unknown, found.probability)
+    on = f" It depends on {found.where[0].variable} most." if found.where else ""
+    return f"With probability {sure} no catalogued effect and no short expression explains what is missing.{on}"
+
+
+def _lacking(found: Findings, sure: str, missing: str) -> str:
     before, after = [rung.heldout_error for rung in (found.ladder[0], *found.ladder)[-2:]]
     faults = [one for one in found.candidates if one.effect in found.missing and one.kind in FAULTS]
     fall = ""
@@ -569,25 +577,31 @@ def next_step(
         text = "Put in what is part of it, and look again at what is left."
         return Next("add", text, offer="Add it" if len(found.missing) == 1 else "Add them", command=add)
     if found.verdict == "unexplained":
-        if found.blamed and found.blamed.kind == "run":
-            runs = f"{'run' if len(found.blamed.runs) == 1 else 'runs'} {', '.join(found.blamed.runs)}"
-            return Next("nothing", f"Repeat {runs}, or leave {runs} out of the table, and look again.")
-        if found.unknown:
-            text = (
-                f"Measure between the settings of {found.unknown.column} that you have, and look at the curve: it says "
-                "what a formula must do. Then try it as an effect of your own."
-            )
-            return Next("nothing", text)
-        if found.probability < EVEN:
-            errors = [found.ladder[0].train_error, found.ladder[0].heldout_error or 0.0]
-            within = "The model is within its noise all the same. " if max(errors) < 1.0 else ""
-            return Next("nothing", f"{within}Measure more runs over the same range, and look again.")
-        text = "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be"
-        return Next("nothing", f"{text} named. An effect of your own can be tried, too.")
+        return Next("nothing", _measured_next(found))
     if found.plan is not None:
         return _experiment(found.plan, units, zeros, add)
     text = "No experiment within these limits and speeds tells the rivals apart: widen [limits], or take them as one."
     return Next("nothing", text, offer=LIKELIEST, command=add)
+
+
+def _measured_next(found: Findings) -> str:
+    """Where nothing can be put in."""
+    if found.blamed and found.blamed.kind == "run":
+        runs = f"{'run' if len(found.blamed.runs) == 1 else 'runs'} {', '.join(found.blamed.runs)}"
+        return f"Repeat {runs}, or leave {runs} out of the table, and look again."
+    if found.unknown:
+        return (
+            f"Measure between the settings of {found.unknown.column} that you have, and look at the curve: it says "
+            "what a formula must do. Then try it as an effect of your own."
+        )
+    if found.probability < EVEN:
+        errors = [found.ladder[0].train_error, found.ladder[0].heldout_error or 0.0]
+        within = "The model is within its noise all the same. " if max(errors) < 1.0 else ""
+        return f"{within}Measure more runs over the same range, and look again."
+    return (
+        "Look at the runs that carry it, and measure what may go with it: a column that is not there cannot be named. "
+        "An effect of your own can be tried, too."
+    )
 
 
 def _experiment(plan: Experiment, units: Mapping[str, str], zeros: Collection[str], add: str) -> Next:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from terrapin_tools.workbench.compare.adequacy import Failure
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.compare.groups import differences
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding, far_above_stated, noise_findings
-from terrapin_tools.workbench.compare.together import together
+from terrapin_tools.workbench.compare.together import Together, together
 from terrapin_tools.workbench.discover.certainty import EVEN
 from terrapin_tools.workbench.discover.discovery import Candidate, Discovery, rung
 from terrapin_tools.workbench.experiment.hidden_period import hidden_period
@@ -57,25 +57,9 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
     noise = found.noise if found else _noise(analysis, analysis.told, noise_findings(analysis))
     sigma = np.array([noise.sds[channel] for channel in analysis.model.channels])
     p, units = analysis.adequacy.p_value, {**ROLES, **case.parameter_units, **case.units}
-    alarm = sentences.alarm(analysis.missing, p, analysis.level)
     strange = noise.strange
     where = found.where if found else _places(analysis, analysis.where, sigma)
-    goals = _goals(analysis, found)
-    notes = [sentences.goal(one) for one in goals]
-    notes += [sentences.thinned(analysis.step)] if analysis.step > 1 else []
-    notes += [_carried(analysis, sigma)] if analysis.missing and not (found and found.blamed) else []
-    notes += _doubtful(analysis, found) if found else []
-    notes += [sentences.noise_told(one, case.units.get(one.channel) or "") for one in noise.findings]
-    if (period := hidden_period(analysis)) is not None:
-        notes.append(sentences.periodic(period))
-    given = {**case.parameter_units, **{n: one.unit for n, one in case.fit.items()}, **case.units}
-    for name in case.effects:
-        bare = without_unit(case.library[name], case.base, given) if case.library[name].source == OWN else ()
-        notes += [sentences.unchecked(name, bare)] if bare else []
-    tied = together(analysis)
-    notes += [sentences.not_apart(one) for one in tied]
-    if strange and not analysis.missing:
-        notes.append(sentences.strange_noise(found.probability if found else None))
+    goals, tied = _goals(analysis, found), tuple(together(analysis))
     heading, measure = sentences.HEADINGS.get(verdict if found else "", sentences.HEADINGS[""])
     return Story(
         folder=case.folder,
@@ -89,9 +73,9 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         level=analysis.level,
         chip=sentences.chip(verdict, found.probability if found else None, strange, bool(found and found.blamed)),
         headline=sentences.headline(found, analysis.missing, p, analysis.level, strange),
-        alarm=alarm if found and analysis.missing else "",
+        alarm=sentences.alarm(analysis.missing, p, analysis.level) if found and analysis.missing else "",
         where=tuple(replace(p, sentence=sentences.place(p, case.units.get(p.variable, ""))) for p in where),
-        notes=(*notes, *(found.remarks if found else ())),
+        notes=tuple(_notes(analysis, found, noise, sigma, goals, tied)),
         by_run=sentences.BY_RUN.get(verdict, sentences.BY_RUN[""]),
         heading=heading,
         measure=measure,
@@ -101,21 +85,54 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         next=sentences.next_step(
             analysis.missing, found, str(case.folder), units, _zeros(analysis, found), bool(strange)
         ),
-        ladder=found.ladder
-        if found
-        else _rungs([rung(analysis, r.added, r.fit, analysis.told) for r in analysis.ladder]),
+        ladder=_ladder(analysis, found),
         parameters=_values(analysis.fit, analysis.sd),
         channels=_channels(analysis, sigma),
         noise=noise,
         noise_told=sentences.noise_source(noise),
         found=found,
         groups=tuple(differences(analysis)),
-        together=tuple(tied),
+        together=tied,
         intake=case.intake,
         goals=goals,
         guessed=case.guessed,
         rows_left_out=case.rows_left_out,
     )
+
+
+def _ladder(analysis: Analysis, found: Findings | None) -> tuple[Rung, ...]:
+    return found.ladder if found else _rungs([rung(analysis, r.added, r.fit, analysis.told) for r in analysis.ladder])
+
+
+def _notes(
+    analysis: Analysis,
+    found: Findings | None,
+    noise: NoiseTold,
+    sigma: npt.NDArray[np.float64],
+    goals: Sequence[Goal],
+    tied: Sequence[Together],
+) -> Iterator[str]:
+    """What is said beside the verdict, line by line."""
+    case = analysis.case
+    yield from (sentences.goal(one) for one in goals)
+    if analysis.step > 1:
+        yield sentences.thinned(analysis.step)
+    if analysis.missing and not (found and found.blamed):
+        yield _carried(analysis, sigma)
+    if found:
+        yield from _doubtful(analysis, found)
+    yield from (sentences.noise_told(one, case.units.get(one.channel) or "") for one in noise.findings)
+    if (period := hidden_period(analysis)) is not None:
+        yield sentences.periodic(period)
+    given = {**case.parameter_units, **{n: one.unit for n, one in case.fit.items()}, **case.units}
+    for name in case.effects:
+        effect = case.library[name]
+        if effect.source == OWN and (bare := without_unit(effect, case.base, given)):
+            yield sentences.unchecked(name, bare)
+    yield from (sentences.not_apart(one) for one in tied)
+    if noise.strange and not analysis.missing:
+        yield sentences.strange_noise(found.probability if found else None)
+    yield from found.remarks if found else ()
 
 
 def found_by(discovery: Discovery) -> Findings:
