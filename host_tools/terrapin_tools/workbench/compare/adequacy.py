@@ -254,11 +254,8 @@ def _by_effect(case: Case, adequacy: Adequacy) -> dict[str, float]:
     """Gain of a role through the effects that need it, less what their number of shapes would find by chance."""
     found: dict[str, float] = {}
     for label, value in adequacy.gain.items():
-        kind, _, name = label.partition(":")
-        if kind != "effect":
-            continue
-        effect = case.library.get(name)
-        if effect is None:  # a term of an equation of the user's own
+        effect = case.library.get(label.removeprefix("effect:"))
+        if effect is None:  # a column, or a term of an equation of the user's own
             continue
         penalty = 2.0 * sum(np.log(max(1, len(p.grid))) for p in effect.parameters[1:])
         for group in effect.needs:
