@@ -35,6 +35,8 @@ def step_of(case: Case, node: Node) -> int:
     >>> case = Case(train=rows, test=~rows, run=np.repeat(np.arange(6), 1000), base=base)
     >>> step_of(case, Node(1.0, 0.8, 0.0, 0.0, 1.0)), step_of(case, Node(0.0, 0.0, 0.0, 0.0, 1.0))
     (6, 1)
+    >>> step_of(case, Node(0.5, 0.6, 0.0, 0.0, 1.0))  # alike by 0.3 after one row, to the last digit
+    1
     """
     rows = case.train | case.test
     length = int(rows.sum()) / len(np.unique(case.run[rows]))
