@@ -50,6 +50,7 @@ class Bench:
         self.faults: dict[str, Any] = {}
         self.flat: list[Any] = []
         self.shapes: dict[str, Any] = {}
+        self.kinds: list[str] = []
         vars(self).update(more)
 
     def together_possible(self, names: Sequence[str]) -> bool:
@@ -1022,17 +1023,17 @@ def test_formulas_weigh_what_they_promise_with_the_prior_of_what_no_catalogue_ha
     own: Any = Bench(
         base=np.zeros((1, 2, 3)), values=np.zeros((1, 2)), effects=dict.fromkeys(("drag", "zero_of_load", "huge")),
         model=None, rows=None, sigma=np.array([2.0]), columns_without=set, misfit=1.0,
-        catalogue=2, evidence=None,
+        kinds=["catalogue", "fault"], evidence=None,
         analysis=SimpleNamespace(fit=SimpleNamespace(theta=None), residual=residual, missing=False),
     )  # fmt: skip
     [one] = expression_answers.expressions(own, ["huge"])
     assert (one.kind, one.column, one.fit) == ("expression", "a", None)
-    assert one.log_weight == pytest.approx(2.0 + np.log(0.54 * 0.38))
+    assert one.log_weight == pytest.approx(2.0 + np.log(0.54 * 0.35))
     asked = given[0]
     assert (asked[4], asked[7]) == ({"huge", "zero_of_load"}, {"drag", "huge"})
     assert asked[5].shape == (2, 3)
     assert asked[8].tolist() == [[1.0, 2.0]]
-    own.catalogue, own.case.base.whole_runs = 0, True
+    own.kinds, own.case.base.whole_runs = [], True
     [one] = expression_answers.expressions(own)
     assert one.log_weight == pytest.approx(2.0 + np.log(0.54))
     assert given[1][8] is None

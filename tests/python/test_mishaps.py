@@ -13,8 +13,8 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT
 from terrapin_tools.workbench.discover import discovery
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
-from terrapin_tools.workbench.discover.ranker import MISHAP
 from terrapin_tools.workbench.discover.ranking import Blamed
+from terrapin_tools.workbench.model.priors import MISHAP, SIZE_OF_SET, of_terms
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 from terrapin_tools.workbench.noise.mishaps import KINDS, LAGS, mishaps
@@ -176,7 +176,11 @@ def test_how_runs_begin_is_the_models_own_where_it_follows_them() -> None:
     def act(channel: int, change: Array) -> Array:
         return change * (np.arange(2) == channel)[:, None]
 
-    assert set(MISHAP) == set(KINDS) <= set(WEIGHT)  # each has a prior in the ranking and one in the test
+    assert set(MISHAP) == set(KINDS)
+    # the test weighs them as the ranking does, beside effects as beside each other
+    times = [WEIGHT[kind] / MISHAP[kind] for kind in KINDS]
+    effect = sum(SIZE_OF_SET[1:]) * of_terms(["catalogue"])["catalogue"]
+    assert times == pytest.approx([WEIGHT["catalogue"] / effect] * len(KINDS))
     slopes = np.ones((RUNS, 2, RUNS * ROWS))
     slopes[3] = np.nan
     found = mishaps(runs, act, True, slopes)

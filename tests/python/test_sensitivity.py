@@ -37,7 +37,7 @@ def test_all_modules_that_have_a_number_get_it() -> None:
     try:
         put(one, 0.5)
         assert decide.ALONE == 0.5
-        assert next(t for t in thresholds("unexplained") if t.name == "PRIOR").value == unexplained.PRIOR
+        assert next(t for t in thresholds("unexplained") if t.name == "KNOWN").value == unexplained.KNOWN
     finally:
         put(Threshold("decide", "ALONE", 0.5, ""), one.value)
     assert one.value == decide.ALONE

@@ -634,6 +634,7 @@ def test_prior_of_a_set_is_shared_by_its_kinds_of_terms() -> None:
     own: Any = SimpleNamespace(
         catalogue=10, suspects={"constant.r": 0, "constant.s": 0}, possible=[0] * 6, faults={"table.x": 0},
         sketches={"e": SimpleNamespace(prior=0.25, scales={"w": 0, "x0": 0})}, razor={},
+        kinds=["catalogue", "constant", "fault"],
     )  # fmt: skip
 
     def prior(*names: str) -> float:
@@ -647,7 +648,7 @@ def test_prior_of_a_set_is_shared_by_its_kinds_of_terms() -> None:
     assert prior("e") == pytest.approx(np.log(0.54 * formula))
     assert prior("drag", "e") == pytest.approx(np.log(0.19 * 2.0 * 0.062 * formula))
     assert prior("a", "b", "c", "d", "f") == pytest.approx(np.log(0.005 * 120.0 * 0.062**5))
-    own.catalogue, own.suspects, own.possible = 0, {}, []
+    own.kinds = []
     assert prior("e") == pytest.approx(np.log(0.54 * 0.25))
     own.razor = {frozenset(["a"]): -1.0, frozenset(["b"]): -2.0, frozenset(["a", "c"]): -0.5}
     assert Ranker.lost(own, ("a", "b")) == -3.0

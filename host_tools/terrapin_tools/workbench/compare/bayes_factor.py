@@ -22,6 +22,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.model.data_columns import Shapes
 from terrapin_tools.workbench.model.effect_columns import Shape
+from terrapin_tools.workbench.model.priors import alternatives
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
@@ -29,11 +30,7 @@ from terrapin_tools.workbench.noise.mishaps import Mishap
 
 __all__ = ["BayesFactor", "Block", "blocks_of"]
 
-# Prior of each family, given that one is true. Chosen by hand.
-WEIGHT = {
-    "catalogue": 0.54, "column": 0.27, "varying": 0.08, "run": 0.04, "change": 0.03, "warming": 0.01, "start": 0.01,
-    "lag": 0.01, "slope": 0.01,
-}  # fmt: skip
+WEIGHT = alternatives()  # prior of each family, given that one is true
 
 
 @dataclass(frozen=True)

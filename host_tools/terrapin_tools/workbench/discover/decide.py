@@ -18,9 +18,10 @@ from terrapin_tools.workbench.compare.comparison import Analysis, error
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import calibrated
 from terrapin_tools.workbench.discover.leftover import absent, left, noise_left
-from terrapin_tools.workbench.discover.ranker import SIZE_OF_SET, Hypothesis
+from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import ONE, Blamed, Ranking
 from terrapin_tools.workbench.discover.unexplained import curves
+from terrapin_tools.workbench.model.priors import SIZE_OF_SET
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.mishaps import KINDS

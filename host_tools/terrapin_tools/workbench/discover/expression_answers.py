@@ -18,9 +18,10 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
-from terrapin_tools.workbench.discover.ranker import CATALOGUE, SIZE_OF_SET, Hypothesis, Ranker
+from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
 from terrapin_tools.workbench.formulas.expressions import Sketch, library
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
@@ -53,7 +54,7 @@ def expressions(ranker: Ranker, absurd: Collection[str] = ()) -> list[Hypothesis
     )
     if not listed.sketches:
         return []
-    share = np.log(SIZE_OF_SET[1] * (1.0 - (CATALOGUE if ranker.catalogue else 0.0)))
+    share = np.log(SIZE_OF_SET[1] * of_terms(ranker.kinds)["formula"])
     ranker.promised = listed.promise(ranker.evidence)
     weight = ranker.promised + share
     found: list[Hypothesis] = []

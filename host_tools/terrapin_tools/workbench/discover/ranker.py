@@ -20,21 +20,14 @@ from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit, extend, fit_model
 from terrapin_tools.workbench.model.linearised import following, linearise
 from terrapin_tools.workbench.model.model import Bound, Model
+from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
 from terrapin_tools.workbench.model.table_faults import Fault, faults
 from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["MISHAP", "SIZE_OF_SET", "Found", "Hypothesis", "Ranker", "by_effect"]
-
-# Prior of a set by its number of terms, and of each kind of mishap. Chosen by hand; the campaigns (row "probability")
-# measure what comes of it.
-SIZE_OF_SET = (0.2, 0.54, 0.19, 0.045, 0.005)
-MISHAP = {"run": 0.02, "slope": 0.01, "change": 0.02, "warming": 0.01, "start": 0.01, "lag": 0.01}
-CATALOGUE = 0.62  # of a term that is not known yet to stand in the catalogue, where that has any; by hand
-CONSTANT = 0.07  # of it to be a stated constant that is wrong, where there are any; by hand
-FAULT = 0.03  # of it to be a fault of the table, where there may be any; by hand
+__all__ = ["Found", "Hypothesis", "Ranker", "by_effect"]
 
 
 @dataclass(frozen=True)
@@ -247,18 +240,23 @@ class Ranker:
         laws = [(law, self.effects[name].target) for name in names for law in self.effects[name].laws]
         return len(laws) == len(set(laws))
 
+    @property
+    def kinds(self) -> list[str]:
+        """Of terms beside formulas, those that this case has."""
+        count = {"catalogue": self.catalogue, "constant": len(self.suspects), "fault": len(self.possible)}
+        return [kind for kind, number in count.items() if number]
+
     def log_prior(self, names: Collection[str]) -> float:
         """Of a set of effects and expressions."""
-        share, suspect = CATALOGUE if self.catalogue else 0.0, CONSTANT if self.suspects else 0.0
-        fault = FAULT if self.possible else 0.0
+        share = of_terms(self.kinds)
         each = [
-            (1.0 - share - suspect - fault) * self.sketches[name].prior
+            share["formula"] * self.sketches[name].prior
             if name in self.sketches
-            else suspect / len(self.suspects)
+            else share["constant"] / len(self.suspects)
             if name in self.suspects
-            else fault / len(self.possible)
+            else share["fault"] / len(self.possible)
             if name in self.faults
-            else share / self.catalogue
+            else share["catalogue"] / self.catalogue
             for name in names
         ]
         count = min(len(each), len(SIZE_OF_SET) - 1)

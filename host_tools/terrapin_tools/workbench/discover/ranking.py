@@ -18,11 +18,12 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
-from terrapin_tools.workbench.discover.ranker import MISHAP, SIZE_OF_SET, Found, Hypothesis, Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import Found, Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.formulas.expressions import read_by
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.priors import MISHAP, SIZE_OF_SET
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence

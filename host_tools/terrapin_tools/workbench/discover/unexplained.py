@@ -22,6 +22,7 @@ from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.formulas.expressions import COLUMNS, HARDLY
 from terrapin_tools.workbench.model.data_columns import numeric_columns
+from terrapin_tools.workbench.model.priors import CURVE
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import SIZES, Evidence
 
@@ -32,7 +33,6 @@ FEWEST = 3  # rows of a bump; fewer stand alone
 BUMPS = 50  # places of a narrow bump over a column's range, at which it is as wide (sd)
 FACTORS, MOST = ("omega", "load"), 3  # of a curve: these roles, or the first of a model that has neither
 DIRECTION = "direction"
-PRIOR = 0.05  # of something that neither the catalogue nor the vocabulary has
 KNOWN = 0.9  # share of the squares from which a formula is known, although a curve in its column is left; by hand
 PARTS, MORE = 3, 40  # likeliest sets beside which a curve of any column, or of the likeliest, is weighed, for time
 POINTS = 121  # at which the curve is told
@@ -172,7 +172,7 @@ def _weights(analysis: Analysis, evidence: Evidence, column: str = "", bumps: bo
     for waves in every:
         if (not column or waves.column == column) and (bumps or not isinstance(waves, _Bump)):
             logs.setdefault(waves.column, []).extend(waves.log_evidence(evidence))
-    return {name: float(logsumexp(np.array(own))) + float(np.log(PRIOR / among)) for name, own in logs.items()}
+    return {name: float(logsumexp(np.array(own))) + float(np.log(CURVE / among)) for name, own in logs.items()}
 
 
 def _every(analysis: Analysis) -> Iterator[_Waves]:
