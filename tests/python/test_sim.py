@@ -104,7 +104,7 @@ def test_who_was_stopped_goes_on_and_who_is_gone_leaves_nothing(monkeypatch: pyt
     port = PtyPort()
 
     def flood(tool: SlcanPort) -> None:
-        tool.send(b"O\r")
+        tool.send(b"C\rO\r")
         port.read(lambda *_: None)
         for _ in range(3):
             port.send([(0x180, bytes(8))] * 5000)
@@ -123,7 +123,7 @@ def test_who_was_stopped_goes_on_and_who_is_gone_leaves_nothing(monkeypatch: pyt
             flood(tool)
         lost = port.lost
         with closing(SlcanPort(port.path)) as tool:
-            tool.send(b"O\r")
+            tool.send(b"C\rO\r")
             port.read(lambda *_: None)
             port.send([(0x182, bytes(8))])
 
@@ -142,7 +142,7 @@ def test_who_was_killed_a_moment_ago_leaves_nothing() -> None:
     with closing(port):
         for _ in range(20):
             with closing(SlcanPort(port.path)) as tool:
-                tool.send(b"O\r")
+                tool.send(b"C\rO\r")
                 port.read(lambda *_: None)
                 port.send([(0x182, bytes(8))])
                 wait_for(lambda tool=tool: tool._read(time.monotonic() + 1.0) or tool._frames, "a frame")

@@ -146,10 +146,11 @@ class PtyPort:
         count = fcntl.ioctl(self._slave, termios.FIONREAD, bytes(4))
         return int.from_bytes(count, sys.byteorder)
 
-    def _forget(self) -> None:
-        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's. Whoever opens
-        or closes what is open already is the next one: who was killed did not close."""
-        if self._open:
+    def _forget(self, closing: bool) -> None:
+        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's. Who
+        closes what is open is leaving, or is the next one, whose first word that is: who was killed did not close. A
+        tool that opens again (an update, after each reset) has lost nothing."""
+        if self._unread is not None or (closing and self._open):
             self._unread, self._untaken = None, 0
             self._waiting.clear()
             termios.tcflush(self._master, termios.TCOFLUSH)  # what the kernel has not brought yet
@@ -177,7 +178,7 @@ class PtyPort:
             heard(self, [frame])
             return b"z\r"
         if kind in (b"O", b"C"):
-            self._forget()
+            self._forget(kind == b"C")
             self._open = kind == b"O"
             self._moved = time.monotonic()
         answers = {b"V": b"V1013\r", b"N": b"NTSIM\r", b"F": b"F00\r"}
