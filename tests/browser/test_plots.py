@@ -177,7 +177,7 @@ def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path)
 
 
 def test_another_case_over_and_beside(page: Page, server: Server) -> None:
-    """Two cases on the same axes, side by side, and why one of another kind cannot lie over it; an effect."""
+    """Two cases on the same axes, side by side, and why one of another kind cannot lie over it; a model not added."""
     for name in ("warm", "cool"):
         shutil.copytree(Path(__file__).parents[2] / "cases" / "heated_motor", server.workspace / "cases" / name)
     server.ask("POST", "/api/examples/forced_slip_sand")

@@ -147,9 +147,9 @@ class PtyPort:
         return int.from_bytes(count, sys.byteorder)
 
     def _forget(self, closing: bool) -> None:
-        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's. Who
-        closes what is open is leaving, or is the next one, whose first word that is: who was killed did not close. A
-        tool that opens again (an update, after each reset) has lost nothing."""
+        """What was for somebody who is gone: nothing was lost to them, and nothing is the next one's. Who closes what
+        is open is leaving, or is the next one, whose first word that is: who was killed did not close. A tool that
+        opens again (an update, after each reset) keeps what is on its way to it."""
         if self._unread is not None or (closing and self._open):
             self._unread, self._untaken = None, 0
             self._waiting.clear()
