@@ -121,7 +121,7 @@ def _expressions(monkeypatch: pytest.MonkeyPatch, columns: str, missing: bool = 
     monkeypatch.setattr(expression_answers, "doubts", lambda *_: False)
     ranker: Any = SimpleNamespace(
         base=np.zeros((1, 4, 1)), values=np.zeros((1, 4)), effects={}, model=None, rows=None, sigma=np.ones(1),
-        columns_without=lambda names: None, misfit=1.0, catalogue={}, evidence=None,
+        columns_without=lambda names: None, misfit=1.0, kinds=[], evidence=None,
         case=SimpleNamespace(base=SimpleNamespace(whole_runs=False), dynamics=None),
         analysis=SimpleNamespace(fit=SimpleNamespace(theta=None), residual=np.zeros((1, 4)), missing=missing),
         expression=lambda chosen: chosen.text, log_prior=lambda names: 0.0,
