@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, expect
 from serving import Server
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "bench"))
@@ -125,6 +125,20 @@ def test_all_controllers_on_a_bus_and_one_of_them(page: Page, server: Server) ->
     expect(nodes).to_be_hidden()
 
 
+def test_the_tab_waits_for_its_style(page: Page) -> None:
+    """A sheet that came after the tab moved rows from under the hand that was about to drag them."""
+    held: list[Route] = []
+    page.route("**/live.css", lambda route: held.append(route))
+    with page.expect_request("**/live.css"):
+        page.get_by_role("link", name="Live").click()
+    grid = page.locator(".live-grid")
+    page.wait_for_timeout(500)
+    assert not grid.is_visible()
+    held[0].continue_()
+    expect(grid).to_be_visible()
+    assert grid.evaluate("(one) => getComputedStyle(one).display") == "grid"
+
+
 def test_a_signal_is_dragged_into_the_charts_and_the_layout_kept(page: Page, server: Server) -> None:
     """By name, in this browser: a reload knows it, and it brings back what was drawn."""
     assert server.ask("POST", "/api/live", {"source": "simulator:steady_sand"}).status == 200
@@ -132,12 +146,7 @@ def test_a_signal_is_dragged_into_the_charts_and_the_layout_kept(page: Page, ser
     page.get_by_label("Filter signals").fill("duty|slip$")
     box = page.get_by_label("Plot ACTUATE.duty")
     expect(box).not_to_be_checked()
-    page.get_by_role("row", name="ACTUATE.duty").hover()
-    page.mouse.down()
-    charts = page.locator(".strip-charts").bounding_box()
-    assert charts is not None
-    page.mouse.move(charts["x"] + 200, charts["y"] + 200, steps=5)
-    page.mouse.up()
+    page.get_by_role("row", name="ACTUATE.duty").drag_to(page.locator(".strip-charts"))
     expect(box).to_be_checked()
     page.get_by_label("Seconds shown").select_option("60")
     page.get_by_label("Name of the layout").fill("with duty")

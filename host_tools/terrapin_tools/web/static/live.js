@@ -14,7 +14,7 @@ import { Source } from './live/source.js';
 import { Telemetry } from './live/telemetry.js';
 import { Tiles } from './live/tiles.js';
 import { Rolling } from './rolling.js';
-import { COLOURS, PLACES, Strip, style } from './strip.js';
+import { COLOURS, PLACES, Strip } from './strip.js';
 
 const FIRST = ['MOTION.slip', 'GROUND.torque', 'ELECTRICAL.current', 'ACTUATE.state'];
 /** @type {Record<string, string>} */
@@ -29,7 +29,6 @@ const KEY = 'terrapin-live-signals';
 
 /** @param {HTMLElement} element @param {App} app @returns {Tab} */
 export function mount(element, app) {
-  style();
   return new Live(element, app);
 }
 

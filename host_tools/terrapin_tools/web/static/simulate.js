@@ -5,11 +5,9 @@ import { Player } from './simulate/player.js';
 import { Refusals } from './simulate/refusals.js';
 import { RunList } from './simulate/run_list.js';
 import { ScenarioForm } from './simulate/scenario_form.js';
-import { style } from './strip.js';
 
 /** @param {HTMLElement} element @param {App} app @returns {Tab} */
 export function mount(element, app) {
-  style();
   return new Simulate(element, app);
 }
 

@@ -11,10 +11,11 @@ export const COLOURS = ['--blue', '--teal', '--amber', '--red', '--soft', '--ink
 /** @type {Record<string, string>} */
 const MARKS = { fault: '--red', injected: '--amber', limiter: '--blue', parameter: '--teal', mark: '--ink', clock: '--red', bus: '--red', state: '--soft', report: '--soft' };
 
-/** The style sheet of the Live and Simulate tabs, once. */
-export function style() {
-  if (!document.querySelector('link[href="/static/live.css"]')) document.head.append(h('link', { rel: 'stylesheet', href: '/static/live.css' }));
-}
+// The style sheet of the Live and Simulate tabs, there before either is mounted: one that comes late moves what a hand is on.
+const sheet = h('link', { rel: 'stylesheet', href: '/static/live.css' });
+const came = new Promise((then) => { sheet.onload = sheet.onerror = then; });
+document.head.append(sheet);
+await came;
 
 /** The latest points of one signal; times rise. */
 export class Ring {
