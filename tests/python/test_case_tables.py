@@ -97,6 +97,38 @@ def test_a_table_of_something_else_becomes_an_equation(tmp_path: Path, capsys: p
     one_line(err, ["pump.csv: is a file", "terrapin case table"])
 
 
+@pytest.mark.parametrize("time", ["t", "Zeit", "elapsed [s]", "Elapsed time (s)", "Uhrzeit", "time_ms"])
+@pytest.mark.parametrize("last", [True, False])
+def test_time_is_never_what_is_predicted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], time: str, last: bool
+) -> None:
+    table = tmp_path / "rig.csv"
+    names, rows = ["voltage", "speed", "current"], [[i % 7, 5 * i % 11, 3 * i % 13, 0.1 * i] for i in range(40)]
+    order = [0, 1, 2, 3] if last else [3, 0, 1, 2]
+    lines = [[*names, time], *rows]
+    table.write_text("\n".join(",".join(str(line[i]) for i in order) for line in lines) + "\n")
+    status, _, err = terrapin(capsys, "case", table, "--to", tmp_path / "case")
+    assert (status, err) == (0, "")
+    told = tomllib.loads((tmp_path / "case/case.toml").read_text())
+    assert told["model"]["equation"] == {"current": "offset + gradient*voltage"}
+    assert told["case"]["guessed"] == ["model.equation.current"]
+
+
+def test_a_second_clock_is_not_predicted_either_and_times_alone_make_no_case(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = tmp_path / "rig.csv"
+    table.write_text("t,force,Zeit [ms]\n" + "".join(f"{i},{i * i % 7},{1000 * i}\n" for i in range(20)))
+    assert terrapin(capsys, "case", table, "--to", tmp_path / "case")[0] == 0
+    told = tomllib.loads((tmp_path / "case/case.toml").read_text())
+    assert told["model"]["equation"] == {"force": "offset + gradient*t"}, "nothing else is there"
+    table.write_text("t,Zeit [ms]\n" + "".join(f"{i},{1000 * i}\n" for i in range(20)))
+    status, _, err = terrapin(capsys, "case", table, "--to", tmp_path / "none")
+    assert status == 2
+    one_line(err, ["found times only (t, Zeit [ms])", "expected a column that is predicted"])
+    assert not (tmp_path / "none").exists()
+
+
 def test_a_column_with_a_gap_is_mapped_and_the_gap_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     table = tmp_path / "gaps.csv"
     lines = ["run,clock,x,y"] + [f"{i % 3},12:00:{i:02d},{i},{'' if i == 7 else 2 * i}" for i in range(30)]

@@ -13,9 +13,10 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.csv_layout import GAPS
 from terrapin_tools.workbench.files.format import Asked, Column
 
-__all__ = ["clock_column", "restarts", "split"]
+__all__ = ["TIMES", "clock_column", "restarts", "split"]
 
-WORDS = ("time", "t", "clock", "timestamp", "zeit", "temps")
+TIMES = ("zeit", "uhrzeit", "zeitstempel", "temps", "elapsed")  # other words for time
+WORDS = ("time", "t", "clock", "timestamp", *TIMES)
 WIDE = 20.0  # times the usual step, from which a gap parts runs
 MOST = 10_000  # runs of a file
 SOME = 100  # rows by which a column is known for one of numbers

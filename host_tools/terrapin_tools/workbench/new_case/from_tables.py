@@ -21,6 +21,7 @@ from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.split_runs import TIMES
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.writing import write_new
 from terrapin_tools.workbench.new_case.offers import offers, suiting
@@ -57,7 +58,7 @@ LETTERS = {
     "h": ("h", "time clock t since"),
 }
 WORDS = {  # role or channel -> words of a name that stand for it, and words beside which they do not
-    "time": ("time t clock timestamp stamp seconds", ""),
+    "time": ("time t clock timestamp stamp seconds", ""),  # and TIMES
     "omega": ("omega w rpm wheel shell rim speed rate velocity", "motor ground joint fl fr rl rr"),
     "acceleration": ("acceleration acc accel alpha", ""),
     "angle": ("angle theta rotation turn", "slip friction swing steer pitch roll rolling yaw"),
@@ -117,7 +118,8 @@ def split_unit(column: str) -> tuple[str, str]:
 
 def _words(name: str) -> list[str]:
     parted = re.sub(r"([a-z])([A-Z])", r"\1 \2", name)
-    return [word for word in re.split(r"[^a-z]+", parted.lower()) if word]
+    words = [word for word in re.split(r"[^a-z]+", parted.lower()) if word]
+    return ["time" if word in TIMES else word for word in words]
 
 
 def _score(name: str, unit: str, target: str) -> int:
@@ -473,7 +475,7 @@ def _document(
     own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
     made_up = _made_up(own)
     if base.own_names:
-        made_up = [f"model.equation.{_names(mapped, base)[-1]}"]
+        made_up = [f"model.equation.{_names(mapped, base)[_predicted(mapped)]}"]
     told = f"guessed = [{', '.join(map(_quoted, made_up))}]  # take out what you have confirmed\n" if made_up else ""
     lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name), guessed=told), *own]
     near = [os.path.relpath(file.resolve(), folder.resolve()) for file in files]
@@ -515,10 +517,28 @@ def _distinct_names(columns: Sequence[str] | Mapping[str, object]) -> dict[str, 
     return found
 
 
+def _says_time(guess: Guess) -> bool:
+    """Also of a second clock, which has another role or none, since the first one is `time`."""
+    time, own = (_score(*split_unit(guess.column), name) for name in ("time", guess.name or "time"))
+    return guess.name == "time" or 0 < time >= own
+
+
+def _predicted(mapped: Sequence[Guess]) -> int:
+    """The last column that is no time. UserError where every column is one."""
+    found = [i for i, guess in enumerate(mapped) if not _says_time(guess)]
+    if not found:
+        times = ", ".join(guess.column for guess in mapped)
+        raise UserError(f"found times only ({times}), expected a column that is predicted; terrapin case map takes any")
+    return found[-1]
+
+
 def _equation(mapped: Sequence[Guess], base: Base) -> list[str]:
-    """A straight line through the last column over the first that is no time: a start to write the right one over."""
-    *inputs, channel = _names(mapped, base)
-    likely = [name for guess, name in zip(mapped, inputs, strict=False) if guess.name != "time"] or inputs
+    """A straight line through the last column over the first, none of them a time: a start to write the right one
+    over."""
+    names, last = _names(mapped, base), _predicted(mapped)
+    channel, inputs = names[last], [*names[:last], *names[last + 1 :]]
+    likely = [name for guess, name in zip(mapped, names, strict=True) if name != channel and not _says_time(guess)]
+    likely = likely or inputs
     formula = f"offset + gradient*{likely[0]}" if inputs else "offset"
     lines = ["# CHECK: which column is predicted, and by what", "[model.equation]", f"{channel} = {_quoted(formula)}"]
     lines += ["", "[fit]", "offset = { value = 0.0 }"]
