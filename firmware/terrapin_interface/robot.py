@@ -283,7 +283,7 @@ def _read(table: RobotTable, name: str) -> Robot:
     plant["motor_coulomb"] *= turns
     plant["motor_viscous"] *= turns**2
     voltage = table.number("supply.voltage", "V", 1.0, 60.0)
-    counts, divider = _encoder(table, 1.0 if joint else gear, voltage / plant["torque_constant"])
+    counts, divider = _encoder(table, None if joint else gear, voltage / plant["torque_constant"])
     wheel_radius = table.number("sensors.ground_wheel.radius", "m", 5e-3, 0.2)
     wheel_counts = table.whole("sensors.ground_wheel.counts", 1, 65536)
     current_code, supply_code, shunt_code, divider_code = _converters(table, board)
@@ -346,27 +346,29 @@ def _gear_losses(table: RobotTable) -> dict[str, float]:
     }
 
 
-def _encoder(table: RobotTable, gear: float, free_speed: float) -> tuple[int, int]:
+def _encoder(table: RobotTable, gear: float | None, free_speed: float) -> tuple[int, int]:
     """Counts a turn of the drive wheel that the controller is given, and how many of the encoder's make one of them.
 
     A turn that is no whole number of counts is rounded: at the fewest counts that is 0.04 % of a speed. Counts are
     divided by as little as the controller's formats allow: MOST a turn, and less than 2^15 in FAST_TICKS without load.
     """
     key = "sensors.motor_encoder.counts"
-    exact = table.whole(key, 1, 1_000_000) * gear
+    turns = 1.0 if gear is None else gear
+    exact = table.whole(key, 1, 1_000_000) * turns
     fastest = 32768 / FAST_TICKS / _counts_a_tick(free_speed, 1)  # counts a turn
     divider = max(1, math.ceil(exact / MOST), math.floor(exact / fastest) + 1)
     counts = round(exact / divider)
     if counts >= FEWEST:
         return counts, divider
     if exact < FEWEST:
-        raise table.contradiction(
-            key,
-            f"{exact:g} counts a turn of the drive wheel",
-            f"{FEWEST} or more: an encoder of {math.ceil(FEWEST / gear)} counts, or a gear of "
-            f"{FEWEST / exact * gear:.4g}",
-            table.place("motor.gear"),
-        )
+        found = f"{exact:g} counts a turn"
+        expected = f"{FEWEST} or more: an encoder of {math.ceil(FEWEST / turns)} counts"
+        if gear is None:  # no gear multiplies a sphere's
+            raise table.contradiction(key, f"{found} of the joint", expected, table.place("body.kind"))
+        higher = FEWEST / exact * gear
+        step = 10.0 ** (math.floor(math.log10(higher)) - 3)  # rounded up: it is typed as it stands here
+        expected += f", or a gear of {math.ceil(higher / step) * step:.4g}"
+        raise table.contradiction(key, f"{found} of the drive wheel", expected, table.place("motor.gear"))
     raise table.contradiction(
         key,
         f"a drive wheel that turns at {free_speed:.4g} rad/s without load",

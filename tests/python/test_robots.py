@@ -74,7 +74,7 @@ CONTRADICTIONS: list[tuple[str, Change, str, str]] = [
     ("cylinder", {"limits.supply_high": "17 V"}, "limits.supply_high", "sensors.supply.code"),
     ("sphere", {"sensors.supply.upper": "60 kohm"}, "limits.supply_high", "sensors.supply.upper"),
     ("cylinder", {"motor.torque_constant": 0.004}, "sensors.motor_encoder.counts", "motor.torque_constant"),
-    ("sphere", {"sensors.motor_encoder.counts": 1000}, "sensors.motor_encoder.counts", "motor.gear"),
+    ("sphere", {"sensors.motor_encoder.counts": 1000}, "sensors.motor_encoder.counts", "body.kind"),
     ("roller", {"motor.gear": 18.2}, "sensors.motor_encoder.counts", "motor.gear"),
     ("roller", {"sensors.motor_encoder.counts": 48}, "sensors.motor_encoder.counts", "motor.gear"),
     ("sphere", {"sensors.swing": False}, "limits.swing", "sensors.swing"),

@@ -15,6 +15,7 @@ from terrapin_tools.sheet.asking import asked
 from terrapin_tools.sheet.figures import FIGURES, read
 from terrapin_tools.sheet.motor import motor_of
 from terrapin_tools.sheet.proposal import robot_text
+from terrapin_tools.sheet.suiting import suiting_text
 from tests.drives import DRIVES
 
 RE30 = {**DRIVES["maxon_re30"].robot, **DRIVES["maxon_re30"].sheet}
@@ -57,7 +58,7 @@ def test_an_encoder_behind_the_gear_makes_motor_and_gear_one() -> None:
         (RE30, {"stall_torque": "0.7 N m"}, r"^--stall-torque: found 0\.0178.*expected 0\.0259 N m/A"),
         (RE30, {"no_load_current": "25 A"}, r"^--no-load-current: found 25 A, expected less than half of the 39\.28 A"),
         (RE30, {"gear_efficiency": "1.2"}, r"^--gear-efficiency: found 1\.2, expected more than 0, at most 1$"),
-        (RE30, {"gear": "0.2"}, r"^--gear: found 0\.2, with which rolling on sand takes .* expected a higher gear"),
+        (RE30, {"gear": "0.2"}, r"^--gear: found 0\.2, with which rolling on sand takes .* expected a stronger motor"),
         (
             RE30,
             {"gear": "140"},
@@ -88,6 +89,40 @@ def test_a_sheet_that_contradicts_itself_is_refused_in_one_line(
     with pytest.raises(UserError, match=words) as found:
         robot_text("robot", read({**sheet, **changes}))
     assert "\n" not in str(found.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "advised"),
+    [
+        ("maxon_re30", {"gear": "0.2"}, ["gear"]),
+        ("maxon_re30", {"gear": "30"}, ["gear", "drive_radius"]),  # the rotor is most of the inertia: no factor helps
+        ("maxon_re30", {"gear": "3000"}, ["gear"]),
+        ("maxon_re30", {"gear": "300", "encoder_counts": "48"}, ["gear"]),  # too coarse for every gear that suits
+        ("maxon_ec45_flat_70", {"gear": "300"}, ["gear"]),
+        ("maxon_ec45_flat_70", {"encoder_counts": "500"}, []),  # a sphere's counts are not geared
+        ("pololu_37d_30", {"arm": "10 mm"}, ["drive_radius"]),  # its sheet has the gear
+        ("tmotor_u8", {"gear": "30"}, ["gear"]),
+        ("tmotor_u8", {"gear": "0.2"}, ["gear"]),
+    ],
+)
+def test_what_a_refused_gear_is_told_is_taken(
+    name: str, changes: dict[str, str], advised: list[str], tmp_path: Path
+) -> None:
+    """The numbers of the message, typed as they stand there, with what it says beside them."""
+    drive = DRIVES[name]
+    given, file = {**drive.robot, **drive.sheet, **changes}, tmp_path / "mine.toml"
+    with pytest.raises(UserError) as refused:
+        suiting_text(file, read(given))
+    advice = str(refused.value).partition(", expected ")[2]
+    found = re.findall(r"--([a-z-]+) ([\d.]+(?: m)?)(?: to ([\d.]+(?: m)?))?(?: with --encoder-counts (\d+))?", advice)
+    assert [option.replace("-", "_") for option, *_ in found] == advised, advice
+    for option, low, high, counts in found:
+        beside = {"encoder_counts": counts} if counts else {}
+        for value in filter(None, (low, high)):
+            assert suiting_text(file, read({**given, option.replace("-", "_"): value, **beside}))
+    encoder = re.search(r"an encoder of (\d+) counts", advice)
+    if encoder:
+        assert suiting_text(file, read({**given, "encoder_counts": encoder[1]}))
 
 
 @pytest.mark.parametrize("name", DRIVES)

@@ -138,22 +138,13 @@ def new(to: Path, like: str, from_sheet: bool, **sheet: str) -> None:
 
 def _from_sheet(to: Path, given: dict[str, str]) -> str:
     """The text of the file, which is then one that the controller can be built for."""
-    from terrapin_interface.description import load
-    from terrapin_interface.robot import RobotError, read_robot
     from terrapin_tools.sheet.asking import asked
     from terrapin_tools.sheet.figures import read
-    from terrapin_tools.sheet.proposal import robot_text
+    from terrapin_tools.sheet.suiting import suiting_text
 
     if sys.stdin.isatty():
         given = asked(given, input)
-    text = robot_text(to.stem.replace("_", " "), read(given))
-    try:
-        load(robot=read_robot(text, to))
-    except RobotError as error:
-        raise UserError(
-            f"{str(error).partition(': ')[2]}; in what follows from the sheet, which was not written"
-        ) from None
-    return text
+    return suiting_text(to, read(given))
 
 
 def _with_figures() -> None:

@@ -14,7 +14,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.sheet.figures import Figures, option
 from terrapin_tools.sheet.motor import Motor, motor_of
 
-__all__ = ["robot_text"]
+__all__ = ["Misfit", "robot_text"]
 
 G = 9.81  # m/s^2
 SAND = 0.092  # f_o of the heaviest ground that the controller knows: what a robot has to roll on
@@ -39,6 +39,16 @@ COULOMB, VISCOUS = 0.2, 0.1  # N m and N m s/rad that the controller holds, of 1
 MAGNETS = 0.05  # relative sd of a sheet's K_t at hand: makers of small motors hold 10 %
 GEARS = 0.03  # the same of an efficiency, which is printed for the greatest load
 TURNS = 1171, 65536  # counts a turn of the drive wheel that the controller holds
+
+
+class Misfit(UserError):
+    """The drive does not suit the robot: which figure is wrong, its value and what was expected; other `figures` of
+    which another number may help; and what else would."""
+
+    def __init__(self, name: str, value: float, expected: str, figures: tuple[str, ...], *instead: str) -> None:
+        self.name, self.figures, self.instead = name, figures, instead
+        self.found = f"{option(name)}: found {value:g}, {expected}"
+        super().__init__(f"{self.found} {' or '.join(instead)}")
 
 
 @dataclass
@@ -166,10 +176,13 @@ def _current(figures: Figures, motor: Motor, robot: _Robot, coulomb: float) -> t
     bound, bound_words = min(bounds)
     limit, words = (wanted, words) if wanted <= bound else (bound, bound_words)
     if limit < needed:
-        raise UserError(
-            f"{option('gear')}: found {_value(figures, 'gear', 1.0):g}, with which rolling on sand takes "
-            f"{needed:.3g} A of the {limit:.3g} A that it may have ({words}), "
-            "expected a higher gear, a stronger motor or a lighter robot"
+        raise Misfit(
+            "gear",
+            _value(figures, "gear", 1.0),
+            f"with which rolling on sand takes {needed:.3g} A of the {limit:.3g} A it may have ({words}), expected",
+            _geared(figures),
+            "a stronger motor",
+            "a lighter robot",
         )
     return limit, words
 
@@ -179,12 +192,33 @@ def _check_stiffness(figures: Figures, motor: Motor, robot: _Robot) -> None:
     current."""
     constant = robot.swing * motor.resistance / robot.torque**2
     if constant < SLOWEST:
-        least = math.sqrt(constant / SLOWEST)
-        where = "a gear" if robot.sphere else "a gear, or an R/r of shell and drive wheel,"
-        raise UserError(
-            f"{option('gear')}: found {_value(figures, 'gear', 1.0):g}, with which the inner body follows its motor "
-            f"within {1e3 * constant:.2g} ms, expected {1e3 * SLOWEST:g} ms, for which the controller's current limit "
-            f"is made: {where} {least:.2g} times as high, or a heavier body on a longer arm"
+        raise Misfit(
+            "gear",
+            _value(figures, "gear", 1.0),
+            f"with which the inner body follows its motor within {1e3 * constant:.2g} ms, expected {1e3 * SLOWEST:g} "
+            "ms, for which the controller's current limit is made:",
+            _geared(figures),
+            "a heavier body on a longer arm",
+        )
+
+
+def _geared(figures: Figures) -> tuple[str, ...]:
+    """Figures that gear the shell higher or lower. A sheet that speaks of the output of its gear has the gear in it."""
+    gear = () if figures["at"] == "output" else ("gear",)
+    return gear if figures["kind"] == "sphere" else (*gear, "drive_radius")
+
+
+def _check_counts(figures: Figures, robot: _Robot) -> None:
+    if robot.counts < TURNS[0]:
+        given = _value(figures, "encoder_counts")
+        geared = not robot.sphere and figures["encoder_at"] == "motor"  # the gear multiplies them
+        raise Misfit(
+            "encoder_counts",
+            given,
+            (f"which are {robot.counts:g} a turn of the drive wheel, " if geared else "")
+            + f"expected {TURNS[0]} or more:",
+            ("gear",) if geared else (),
+            f"an encoder of {math.ceil(TURNS[0] * given / robot.counts - 1e-9)} counts",
         )
 
 
@@ -209,13 +243,14 @@ def _down(value: float) -> float:
 
 
 def robot_text(title: str, figures: Figures) -> str:
-    """The file. UserError where the sheet contradicts itself or the drive does not suit the robot."""
+    """The file. UserError where the sheet contradicts itself, Misfit where the drive does not suit the robot."""
     motor = motor_of(figures)
     robot = _robot(figures, motor)
     coulomb, coulomb_from, viscous, viscous_from = _friction(figures, motor, robot)
     limit, limit_from = _current(figures, motor, robot, coulomb)
     limit = _down(limit)
     _check_stiffness(figures, motor, robot)
+    _check_counts(figures, robot)
     file = _File([f"# From a data sheet, by `terrapin robot new --from-sheet`. {title}"])
     board = str(figures.get("board", "f405_imu" if robot.sphere else "f405_h_bridge"))
     file.lines += [f'title = "{title}"', f'board = "{board}"']
