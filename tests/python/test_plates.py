@@ -128,6 +128,12 @@ def test_the_command_and_its_picture(
             "p.csv: column 'plate_mm' (--size) is missing, expected one of test, width, z_m, p_kPa",
         ),
         ("", "", ("--size", "plate_mm"), "--size: found 'plate_mm', expected COLUMN [UNIT]"),
+        (
+            "plate_mm",
+            "D [mm]",
+            ("--size", "D [cm]"),
+            "column 'D [cm]' (--size) is missing, expected one of test, D [mm]",
+        ),
         ("", "", ("--depth", "z_m [kg]"), "--depth: 'kg' does not convert to 'm'"),
         ("", "", ("--plot", "x.pdf"), "--plot: found 'x.pdf', expected a name that ends in .png or .svg"),
         ("0,50,0.001,", "0,50,-0.001,", (), "p.csv:2: depth: found -0.001 m, expected more than 0"),
@@ -153,6 +159,28 @@ def test_what_is_wrong_is_one_line(
     assert captured.err.count("\n") == 1
     assert message in captured.err
     assert not captured.out
+
+
+@pytest.mark.parametrize("heading", ["D [mm]", "D (mm)"])
+@pytest.mark.parametrize("said", ["D [mm]", "D", "D (mm)"])
+def test_a_column_is_named_by_its_heading_or_its_bare_name(tmp_path: Path, heading: str, said: str) -> None:
+    true = made("bekker", TRUTHS["bekker"])
+    file = write(true, tmp_path / "p.csv")
+    file.write_text(file.read_text().replace("test,plate_mm", f"lap [-],{heading}", 1))
+    read = module.read_plates(file, said, "z_m [m]", "p_kPa [kPa]", "lap")
+    assert read.size == pytest.approx(true.size)
+    assert read.pressure == pytest.approx(true.pressure)
+
+
+@pytest.mark.parametrize("tests", [2, 3, 7])
+def test_repeats_are_told_as_their_sd_and_not_less(tests: int) -> None:
+    """Offsets alone: the sd over n of them divides by n - 1."""
+    z = np.linspace(0.001, 0.03, 25)
+    offsets = np.random.default_rng(tests).normal(0.0, 800.0, tests)
+    index = np.repeat(np.arange(tests + 1), z.size)
+    size, depth = np.where(index < tests, 0.05, 0.08), np.tile(z, tests + 1)
+    plates = Plates(size, depth, 1e5 * depth + np.append(offsets, 0.0)[index], index, tuple(map(str, range(tests + 1))))
+    assert replicate_sd(plates) == pytest.approx(float(np.std(offsets, ddof=1)), rel=1e-9)
 
 
 def test_two_sizes_are_too_few(

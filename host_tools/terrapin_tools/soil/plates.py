@@ -27,6 +27,7 @@ from scipy.optimize import least_squares
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.format import meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
 
 __all__ = ["LAWS", "Law", "LawFit", "Plates", "analyse", "column", "fit", "read_plates", "replicate_sd"]
@@ -207,30 +208,27 @@ def replicate_sd(plates: Plates) -> float | None:
     return float(np.sqrt(squares / degrees)) if degrees else None
 
 
-def column(text: str, option: str, unit: str) -> tuple[str, str]:
-    """Name and unit of "NAME [UNIT]"; the unit must be one that converts to `unit`. UserError otherwise.
-
-    >>> column("plate_mm [mm]", "--size", "m")
-    ('plate_mm', 'mm')
-    """
-    name, bracket, rest = text.strip().rpartition(" [")
-    if not bracket or not rest.endswith("]") or not name.strip():
+def column(text: str, option: str, unit: str, table: Table) -> tuple[str, str]:
+    """The column and its unit, of "NAME [UNIT]" or of a heading that has one; it converts to `unit`. UserError
+    otherwise."""
+    found = meant(text, table.columns)
+    given = parted(text)[1] or parted(found or "")[1]
+    if not given:
         raise UserError(f"{option}: found {text!r}, expected COLUMN [UNIT]")
+    given = units.spelling(given)
     with about(option):
-        units.convert(1.0, rest[:-1], unit)
-    return name.strip(), rest[:-1]
+        units.convert(1.0, given, unit)
+    return _present(table, text, option), given
 
 
 def read_plates(file: Path, size: str, depth: str, pressure: str, test: str) -> Plates:
-    """Rows of a file; columns as "NAME [UNIT]", `test` a name. UserError names what is wrong."""
+    """Rows of a file; columns as "NAME [UNIT]" or as headings, `test` a name. UserError names what is wrong."""
     table = read(file)
     values = {}
     for option, text, unit in (("--size", size, "m"), ("--depth", depth, "m"), ("--pressure", pressure, "Pa")):
-        name, given = column(text, option, unit)
-        _present(table, name, option)
-        values[option] = units.convert(table.numbers(name), given, unit)
-    _present(table, test, "--test")
-    names = table.text(test)
+        found, given = column(text, option, unit, table)
+        values[option] = units.convert(table.numbers(found), given, unit)
+    names = table.text(_present(table, test, "--test"))
     b, z, p = values["--size"], values["--depth"], values["--pressure"]
     for option, numbers in (("--size", b), ("--depth", z)):
         wrong = np.flatnonzero(numbers <= 0.0)
@@ -251,8 +249,12 @@ def read_plates(file: Path, size: str, depth: str, pressure: str, test: str) -> 
     return Plates(b, z, p, tests, whole)
 
 
-def _present(table: Table, name: str, option: str) -> None:
-    if name not in table.columns:
+def _present(table: Table, said: str, option: str) -> str:
+    found = meant(said, table.columns)
+    if found is None:
+        bare = parted(said)[0]
+        name = said if meant(bare, table.columns) else bare  # there is one in another unit
         raise UserError(
             f"{table.path.name}: column {name!r} ({option}) is missing, expected one of {', '.join(table.columns)}"
         )
+    return found

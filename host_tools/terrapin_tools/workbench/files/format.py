@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
@@ -28,7 +28,9 @@ __all__ = [
     "Part",
     "arrow_texts",
     "cells",
+    "meant",
     "named",
+    "parted",
     "text_cells",
 ]
 
@@ -41,6 +43,7 @@ _VALUES = {
     "dates": ("day first", "month first"),
     "clock": ("h:m", "m:s"),
 }
+_HEADING = re.compile(r"\s*(.*?\S)\s*[\[(]([^\])]*)[\])]\s*")
 _PART = ("sheet", "group", "topic", "variable", "file")  # other words for `part`
 _RUNS = re.compile(r"(?:repeat|gap|gap:[0-9.eE+-]+|trigger:.+|column:.+)")
 
@@ -188,6 +191,37 @@ def _text(value: Any) -> str:
             return ""
         return str(int(number)) if number.is_integer() and abs(number) < 1e15 else repr(number)
     return str(value)
+
+
+def parted(heading: str) -> tuple[str, str]:
+    """A heading's bare name, and the unit behind it as it is written, "" for none.
+
+    >>> parted("D [mm]"), parted("q (kPa)"), parted("slip")
+    (('D', 'mm'), ('q', 'kPa'), ('slip', ''))
+    """
+    match = _HEADING.fullmatch(heading)
+    return (match[1], match[2].strip()) if match else (heading.strip(), "")
+
+
+def meant(said: str, columns: Iterable[str]) -> str | None:
+    """The column that somebody means: its heading as written, or its bare name where only one has it. A unit that is
+    said beside the name is that of the heading, or the heading has none. None for no column.
+
+    >>> meant("D [mm]", ["D [mm]"]), meant("D", ["D [mm]"]), meant("D [mm]", ["D"]), meant("D [mm]", ["D (mm)"])
+    ('D [mm]', 'D [mm]', 'D', 'D (mm)')
+    >>> meant("D [cm]", ["D [mm]"]), meant("D", ["D [mm]", "D [cm]"])
+    (None, None)
+    """
+    columns = list(columns)
+    if said in columns:
+        return said
+    name, unit = parted(said)
+    found = []
+    for column in columns:
+        bare, own = parted(column)
+        if bare == name and (not unit or not own or units.spelling(own) == units.spelling(unit)):
+            found.append(column)
+    return found[0] if len(found) == 1 else None
 
 
 def named(column: str, unit: str) -> tuple[str, str]:
