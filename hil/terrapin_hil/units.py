@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["base_factor", "behind", "factor", "read_unit", "same_kind", "units"]
+__all__ = ["base_factor", "behind", "factor", "read_unit", "same_kind", "unit_in_formula", "units"]
 
 MAX_LENGTH = 100
 _RAISED = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
@@ -72,6 +72,14 @@ def base_factor(unit: str) -> float | None:
     return _TO_BASE.get(unit) or next(found, None)
 
 
+# Whose zero is not that of the kind -> a unit as large, whose is.
+_WITHOUT_OFFSET = {
+    "degree_Celsius": "kelvin",
+    "degree_Fahrenheit": "degree_Rankine",
+    "degree_Reaumur": "delta_degree_Reaumur",
+}
+
+
 @lru_cache(maxsize=1)
 def units() -> pint.UnitRegistry[Any]:
     """The one registry of units of the whole program (a second one could not compare with it)."""
@@ -104,6 +112,17 @@ def read_unit(text: str) -> pint.Unit:
     except Exception as error:  # pint's parser lets Python's tokenizer errors and its own assertions through
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{text!r} is not a unit: {reason}") from None
+
+
+@lru_cache(maxsize=256)
+def unit_in_formula(text: str) -> pint.Unit:
+    """The unit that `text` names, as products know it: of temperatures only differences mean anything in a formula.
+
+    >>> str(unit_in_formula("degC")), str(unit_in_formula("degF")), str(unit_in_formula("mN m"))
+    ('kelvin', 'degree_Rankine', 'meter * millinewton')
+    """
+    unit = read_unit(text)
+    return units().Unit(_WITHOUT_OFFSET.get(str(unit), unit))
 
 
 def same_kind(unit: str, other: str) -> bool:

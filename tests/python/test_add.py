@@ -33,6 +33,9 @@ def test_add_mends_the_model_and_keeps_the_file(tmp_path: Path, capsys: pytest.C
     assert answer["before"]["heldout_error"] > 2
     assert answer["after"]["heldout_error"] < 1.25
     assert [rung["added"] for rung in answer["ladder"]] == [None, "motor_heating"]
+    assert [answer[side]["heldout_error"] for side in ("before", "after")] == [
+        rung["heldout_error"] for rung in answer["ladder"]
+    ]  # in one noise sd: what stands below
     found = answer["parameters"]["motor_heating.a_t"]
     assert found["unit"] == "1/K"
     assert found["value"] == pytest.approx(0.003, abs=4 * found["sd"])

@@ -12,7 +12,8 @@ import pytest
 from terrapin_hil.paths import ROOT
 from terrapin_hil.physics import sphere
 from terrapin_hil.physics.effects import catalogue
-from terrapin_hil.physics.expression import parse, units
+from terrapin_hil.physics.expression import parse
+from terrapin_hil.units import units
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, formula_name
 from terrapin_tools.workbench.case.case import Case, parse_case
 from terrapin_tools.workbench.model.model import Model

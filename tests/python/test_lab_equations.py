@@ -76,6 +76,24 @@ def test_a_missing_unit_that_leaves_formulas_unsound_is_refused(tmp_path: Path) 
     assert not load_case(bearing(tmp_path / "si", "mu*load*sign(w) + b*w", fit, si=True)).scales
 
 
+@pytest.mark.parametrize(
+    ("equation", "tables", "wrong"),
+    [
+        ("k*w + o", '[fit]\nk = { value = 1e-4, unit = "N m/A" }\no = { value = 0.0 }\n', "comes out in"),
+        ("k*w*load**p", '[fit]\nk = { value = 1e-4, unit = "N m/A" }\np = { value = 0.5 }\n', ""),
+        ("mu*load*sign(w) + b*w", '[fit]\nmu = { value = 0.01 }\nb = { value = 1e-4, unit = "N m s/rad" }\n', ""),
+    ],
+)
+def test_a_missing_unit_hides_no_wrong_one(tmp_path: Path, equation: str, tables: str, wrong: str) -> None:
+    """Whatever o is in, k*w is no torque. A law with a power of its own is empirical: its units say nothing."""
+    folder = bearing(tmp_path / "case", equation, tables, si=True)
+    if not wrong:
+        assert not load_case(folder).scales
+        return
+    with pytest.raises(UserError, match=f"model.equation.torque: .*{wrong}"):
+        load_case(folder)
+
+
 def test_without_any_unit_the_numbers_are_those_of_the_file(tmp_path: Path) -> None:
     fit = "[fit]\nmu = { value = 0.1 }\nb = { value = 0.02 }\n"
     case = load_case(bearing(tmp_path / "case", "mu*load*sign(w) + b*w", fit))

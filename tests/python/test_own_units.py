@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
@@ -244,6 +245,17 @@ def test_nothing_is_converted_where_formulas_take_numbers_as_they_stand(tmp_path
         load_case(written(tmp_path / "milli", "equation", "i", "k*x", {"k": "mA/m"}))
     with pytest.raises(UserError, match="expected A"):
         load_case(written(tmp_path / "rad", "equation", "i", "k*w", {"k": "A s/rad"}))
+
+
+@pytest.mark.parametrize("unit", ["degF", "degC", "K", "degRe"])
+def test_a_formula_in_a_temperature_is_checked_on_any_scale(tmp_path: Path, unit: str) -> None:
+    """In degF the check ended in a traceback of pint."""
+    for name, own, wrong in (("good", f"A/m/{unit}", ""), ("bad", "A/m/V", "comes out in"), ("open", "", "")):
+        folder = written(tmp_path / name, "equation", "i", "k*x*temp", {"k": own})
+        text = (folder / "case.toml").read_text(encoding="utf-8").replace('"degC"', f'"{unit}"')
+        (folder / "case.toml").write_text(text.replace(', unit = "" }', " }"), encoding="utf-8")
+        with pytest.raises(UserError, match=wrong) if wrong else nullcontext():
+            assert load_case(folder).effects == ("mine",)
 
 
 def test_what_cannot_be_checked_is_said(tmp_path: Path) -> None:

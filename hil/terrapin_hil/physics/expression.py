@@ -25,12 +25,12 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.reading import python_tree
-from terrapin_hil.units import read_unit, units
+from terrapin_hil.units import unit_in_formula
 
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["FUNCTIONS", "Expression", "parse", "units"]
+__all__ = ["FUNCTIONS", "Expression", "parse"]
 
 
 MAX_LENGTH = 1000  # characters; keeps the parser's and our own recursion bounded
@@ -200,6 +200,11 @@ class Expression:
         """Names that by themselves divide something, or stand under a logarithm or a root: their zero has a meaning."""
         return frozenset(_divisors(self.tree))
 
+    @cached_property
+    def exponents(self) -> frozenset[str]:
+        """Names that stand in an exponent."""
+        return frozenset(_exponents(self.tree))
+
     def evaluate(self, values: Mapping[str, Array | float]) -> Array:
         """Value over arrays (broadcast against each other); comparisons give 0.0 or 1.0.
 
@@ -212,11 +217,11 @@ class Expression:
     def unit(self, units: Mapping[str, str]) -> pint.Unit:
         """The unit that the formula yields when its names have `units` (pint's spelling, ^ or **).
 
-        A plain number beside a quantity (`temperature - 25`) takes that quantity's unit; degC counts as a difference.
+        A plain number beside a quantity (`temperature - 25`) takes its unit; degC counts as K, degF as degR.
         ValueError when kinds of quantity are mixed; KeyError when a name has no unit.
         """
         unit: pint.Unit | None = _unit(self.tree, units, self.text)
-        return _registry_unit("1") if unit is None else unit
+        return unit_in_formula("1") if unit is None else unit
 
     def to_latex(self) -> str:
         """The formula for people, as LaTeX."""
@@ -247,6 +252,13 @@ def _divisors(node: Node) -> set[str]:
     return own.union(*(_divisors(a) for a in node.arguments))
 
 
+def _exponents(node: Node) -> set[str]:
+    if not isinstance(node, Operation):
+        return set()
+    own = _names(node.arguments[1]) if node.kind == "**" else set()
+    return own.union(*(_exponents(a) for a in node.arguments))
+
+
 def _evaluate(node: Node, values: Mapping[str, Array | float]) -> Any:
     if isinstance(node, Number):
         return node.value
@@ -259,21 +271,14 @@ def _evaluate(node: Node, values: Mapping[str, Array | float]) -> Any:
     return np.asarray(result, dtype=np.float64) if node.kind in _COMPARE.values() else result
 
 
-@lru_cache(maxsize=256)
-def _registry_unit(text: str) -> pint.Unit:
-    if text.strip() in ("degC", "celsius", "degree_Celsius", "°C"):
-        return units().Unit("kelvin")  # only differences of temperatures mean anything in a formula
-    return read_unit(text)
-
-
 def _unit(node: Node, given: Mapping[str, str], text: str) -> Any:
     """None: a plain number, which fits beside anything."""
     if isinstance(node, Number):
         return None
     if isinstance(node, Name):
-        return _registry_unit(given[node.name])
+        return unit_in_formula(given[node.name])
     arguments = [_unit(a, given, text) for a in node.arguments]
-    one = _registry_unit("1")
+    one = unit_in_formula("1")
     match node.kind:
         case "neg" | "abs":
             return arguments[0]

@@ -22,6 +22,7 @@ from terrapin_tools.workbench.bases import BASES, ELSEWHERE, ROLES, Base, formul
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
+from terrapin_tools.workbench.case.effect_units import contradiction
 from terrapin_tools.workbench.case.effects import read_library, sound
 from terrapin_tools.workbench.case.goal import read_goal
 from terrapin_tools.workbench.case.groups import read_shares
@@ -343,6 +344,9 @@ def _scales(
         if any(_unsound(e, units, channel) for channel, e in equations.items()):
             other = next((n for n in sorted({*read, *equations} & columns.keys()) if si_factor(columns[n]) != 1.0), "")
             if not other:
+                for channel, e in equations.items():
+                    if wrong := contradiction(e, {n: units[n] for n in e.names - {*bare}}, units[channel]):
+                        raise complain(wrong, "model", "equation", channel)
                 return {}
             first = min(read & stated.keys())
             why = next(why for c, e in equations.items() if (why := _unsound(e, units, c)))

@@ -6,11 +6,11 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 
 from terrapin_hil.physics.expression import Operation
-from terrapin_hil.units import read_unit
+from terrapin_hil.units import read_unit, unit_in_formula
 from terrapin_tools.workbench.bases import Base
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics, State
 from terrapin_tools.workbench.case.columns import Measurements, read_formulas
-from terrapin_tools.workbench.case.effect_units import plain, unit_problem
+from terrapin_tools.workbench.case.effect_units import contradiction, plain
 from terrapin_tools.workbench.files.toml_tables import Complaint, Tables
 from terrapin_tools.workbench.files.units import in_si, quantity
 
@@ -80,14 +80,14 @@ def with_states(base: Base, dynamics: Dynamics | None) -> Base:
 
 
 def _per_second(unit: str) -> str:
-    return plain(read_unit("K" if unit == "degC" else unit) / read_unit("s")) if unit else ""
+    return plain(unit_in_formula(unit) / read_unit("s")) if unit else ""
 
 
 def check_dynamics(
     dynamics: Dynamics, base: Base, measured: Measurements, units: Mapping[str, str], known: Collection[str],
     complain: Complaint,
 ) -> None:  # fmt: skip
-    """Every name of the formulas is known (`known`: columns, constants, fitted), and units agree where all are given.
+    """Every name of the formulas is known (`known`: columns, constants, fitted), and the units that are given agree.
 
     `units` are those of columns, constants and fitted parameters.
     """
@@ -102,7 +102,5 @@ def check_dynamics(
     wanted |= {("measured", name): measured.units[name] for name in measured.equations}
     for (table, name), unit in wanted.items():
         formula = (dynamics.derivative if table == "derivative" else measured.equations)[name]
-        if unit and all(given.get(used) for used in formula.names):
-            problem = unit_problem(formula, {used: given[used] for used in formula.names}, unit)
-            if problem is not None:
-                raise complain(problem, "model", table, name)
+        if unit and (problem := contradiction(formula, given, unit)) is not None:
+            raise complain(problem, "model", table, name)

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from typing import Any
 
 from terrapin_hil.physics.expression import Expression, Name, Node, Number, Operation
-from terrapin_hil.units import read_unit, units
+from terrapin_hil.units import read_unit, unit_in_formula, units
 
-__all__ = ["open_units", "plain", "unit_problem"]
+__all__ = ["contradiction", "open_units", "plain", "unit_problem"]
 
 ANY = ("sign", "<", "<=", ">", ">=", "==", "!=")  # operations whose value says nothing of their arguments' unit
 
@@ -24,7 +24,7 @@ def unit_problem(expression: Expression, given: Mapping[str, str], wanted: str, 
     except ValueError as error:
         return str(error)
     if _same(found, read_unit(wanted)):
-        factor = units().Quantity(1.0, found).to_base_units().m / units().Quantity(1.0, _unit(wanted)).to_base_units().m
+        factor = _in_base(found) / _in_base(unit_in_formula(wanted))
         if not exactly or abs(factor - 1.0) < 1e-9:
             return None
     return f"{expression} comes out in {_spell(found)}, expected {wanted}"
@@ -35,13 +35,25 @@ def open_units(expression: Expression, given: Mapping[str, str], names: list[str
 
     What several could carry the first one carries; the others are plain numbers.
     """
-    known = {name: _unit(unit) for name, unit in given.items() if name in expression.names}
+    known = {name: unit_in_formula(unit) for name, unit in given.items() if name in expression.names}
     for last in [*reversed(names), ""]:
         while _follow(expression.tree, read_unit(wanted), known):
             pass
         if last and last not in known and any(name not in known for name in names if name != last):
             known[last] = read_unit("1")
     return {name: _spell(known.get(name, read_unit("1"))) for name in names}
+
+
+def contradiction(formula: Expression, given: Mapping[str, str], wanted: str) -> str | None:
+    """What is wrong with a formula whatever the units of the names that have none; None where some make it sound.
+
+    A name without a unit in an exponent stands for an empirical law, whose factor's unit nobody can write: not checked.
+    """
+    known = {name: given[name] for name in formula.names if given.get(name)}
+    bare = sorted(formula.names - known.keys())
+    if formula.exponents & {*bare}:
+        return None
+    return unit_problem(formula, {**known, **open_units(formula, known, bare, wanted)}, wanted)
 
 
 def _follow(node: Node, wanted: Any, known: dict[str, Any]) -> bool:
@@ -104,8 +116,8 @@ def _known_unit(node: Node, known: Mapping[str, Any]) -> Any:
         return None  # told by unit_problem, with the whole formula
 
 
-def _unit(text: str) -> Any:
-    return units().Unit("kelvin") if text in ("degC", "celsius", "degree_Celsius") else read_unit(text)
+def _in_base(unit: Any) -> float:
+    return float(units().Quantity(1.0, unit).to_base_units().m)
 
 
 def _spell(unit: Any) -> str:

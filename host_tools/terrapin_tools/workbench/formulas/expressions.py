@@ -344,7 +344,7 @@ def _scale_parameter(name: str, scale: Scale) -> Parameter:
 
 def _unit(sketch: Sketch, case: Case) -> str:
     """The unit of k that makes the expression sound on its target; "1" where a column's unit is not known."""
-    from terrapin_hil.physics.expression import units as registry
+    from terrapin_hil.units import units as registry
 
     known = {formula_name(role): unit for role, unit in ROLES.items()} if not case.base.own_names else {}
     known.update({formula_name(name): unit for name, unit in case.units.items()})

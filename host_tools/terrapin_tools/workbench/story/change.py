@@ -16,6 +16,7 @@ from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import OwnEffect, extended, remove_effect
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.story.answer import answer
+from terrapin_tools.workbench.story.story import Rung, Story
 from terrapin_tools.workbench.story.terminal import tell_change
 from terrapin_tools.workbench.story.told import told
 
@@ -76,11 +77,17 @@ def carry_out(present: Case, text: str, action: str, effects: list[str], seed: i
         before, after = (told(analyse(case, seed)) for case in (present, changed))
     history.rewrite(present.folder, present.text, text)
     after = replace(after, seconds=time.monotonic() - begin)
-    old, new = (
-        {"train_error": rung.train_error, "heldout_error": rung.heldout_error}
-        for rung in (before.ladder[-1], after.ladder[-1])
-    )
+    rungs = _sides(before, after, effects if action == "added" else [])
+    old, new = ({"train_error": rung.train_error, "heldout_error": rung.heldout_error} for rung in rungs)
     said = {**answer(after), action: effects, "before": old, "after": new}
     history.remember(present.folder, action, effects, said)
     where = f"{ {'added': 'to', 'removed': 'from'}.get(action, 'in') } {present.folder / 'case.toml'}"
-    return said, tell_change(f"{action.capitalize()} {', '.join(effects)} {where}.", before, after)
+    return said, tell_change(f"{action.capitalize()} {', '.join(effects)} {where}.", *rungs, after)
+
+
+def _sides(before: Story, after: Story, added: list[str]) -> tuple[Rung, Rung]:
+    """The errors before and after; of what was `added` in one noise sd: that of the ladder that has them both."""
+    last = after.ladder[-1 - len(added) :]
+    if added and [rung.added for rung in last[1:]] == added:
+        return last[0], last[-1]
+    return before.ladder[-1], after.ladder[-1]

@@ -83,9 +83,9 @@ def _added(story: Story, rung: Rung) -> str:
     return rung.added if story.found is None else " + ".join(spelt(story.found, rung.added.split("+")))
 
 
-def tell_change(done: str, before: Story, after: Story) -> str:
+def tell_change(done: str, before: Rung, now: Rung, after: Story) -> str:
     """What `terrapin add` and `remove` say: errors before and after, then what compare says now."""
-    return f"{done}\n{change(before.ladder[-1], after.ladder[-1])}\n\n{tell(after)}"
+    return f"{done}\n{change(before, now)}\n\n{tell(after)}"
 
 
 def tell_shortly(story: Story) -> str:
