@@ -8,6 +8,7 @@ import inspect
 import json
 import os
 import pickle
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -198,6 +199,16 @@ def test_the_card(case: terrapin.Case, answer: terrapin.Answer) -> None:
     assert "<script" not in hostile.compare()._repr_html_()
 
 
+def test_what_comes_next_is_a_call(case: terrapin.Case, answer: terrapin.Answer, tmp_path: Path) -> None:
+    """A case of a table stands in no folder that a command could be given."""
+    for said, call in ((str(case.compare()), "case.discover()"), (str(answer), "case.add(answer.missing)")):
+        assert f"it:  {call}\n" in said
+        assert "terrapin " not in said
+    page = case.report(tmp_path / "page.html").read_text()
+    assert "<code>case.add(answer.missing)</code>" in page
+    assert "terrapin add" not in page
+
+
 def test_the_report_is_that_of_the_command_line(tmp_path: Path) -> None:
     case = terrapin.Case.load(paths.examples()["heated_motor"])
     folder = case.save(tmp_path / "case")
@@ -217,11 +228,61 @@ def test_logged_runs_become_a_case(tmp_path: Path) -> None:
     folder = case.save(tmp_path / "case")
     assert terrapin.Case.load(folder) == case
     assert pickle.loads(pickle.dumps(logs[0])) == logs[0]
+    assert terrapin.Case.from_log(*logs, effects=["speed_squared"], after=2.0, robot="cylinder") == case
     column = logs[0]["GROUND.torque"]
     assert column.schema.field("GROUND.torque").metadata[b"unit"] == b"N m"
     grid = logs[0].table("100 ms")
     assert grid.num_rows > 100
     assert grid.schema.field("GROUND.torque").metadata[b"unit"] == b"N m"
+
+
+def test_a_log_is_complained_about_in_the_words_of_a_program(tmp_path: Path) -> None:
+    """What is missing is an argument that `from_log` has, not an option of a command."""
+    for number in (1, 2):
+        with terrapin.Session("steady_sand", seed=number, log=tmp_path / f"run_{number}") as s:
+            s.step(0.2)
+    logs = [tmp_path / "run_1", tmp_path / "run_2"]
+    (tmp_path / "empty").mkdir()
+    file = logs[1] / "run.toml"
+    for given, other, expected in (
+        ((tmp_path / "empty", *logs), {}, r"expected a run's folder \(Session\(\.\.\., log=FOLDER\)\)"),
+        (logs, {}, "expected at least one; span= makes rows"),
+        (logs, {"robot": "ship"}, "ship"),
+        (logs, {}, r"found 'sphere', expected 'cylinder': name it with robot="),
+    ):
+        if "sphere" in expected:
+            file.write_text(file.read_text().replace('robot = "cylinder"', 'robot = "sphere"'))
+            logs.reverse()
+        with pytest.raises(terrapin.errors.InputError, match=expected) as caught:
+            terrapin.Case.from_log(*given, **other)
+        assert not re.search(r"(^|\s)--|terrapin ", str(caught.value))
+
+
+def test_a_program_is_told_of_arguments_and_a_command_line_of_options(tmp_path: Path) -> None:
+    from terrapin_hil.links.link import LinkError
+    from terrapin_tools.errors import UserError, for_programs
+
+    def refused(error: Exception) -> str:
+        @for_programs
+        def called(link_key: str = "", soil: str = "") -> None:
+            raise error
+
+        with pytest.raises((terrapin.errors.InputError, LinkError)) as caught:
+            called()
+        return str(caught.value)
+
+    assert refused(UserError("--soil: found 'mud', expected sand")) == "soil: found 'mud', expected sand"
+    assert refused(UserError("found no key, expected one (--link-key)")) == "found no key, expected one (link_key=)"
+    assert refused(UserError("found mud; --soil=sand")) == "found mud; soil='sand'"
+    assert refused(UserError("--read: found a --soil")) == "--read: found a soil="  # it has no word for the first
+    assert refused(LinkError("pty: another's; --robot says whose")) == "pty: another's; Robot(NAME).use() says whose"
+    file = tmp_path / "a.csv"
+    assert str(tmp_path / "x--soil") in refused(UserError(f"{tmp_path / 'x--soil'}: no such file"))
+    file.write_text("run;w;M\n1;1,000;2,000\n1;2,000;3,000\n")
+    with pytest.raises(terrapin.errors.InputError, match=r"as it is meant \(pandas\.read_csv\), and give the table"):
+        terrapin.Case.from_table(file, units=UNITS, equation={"M": "a + b*w"}, fit=FIT)
+    with pytest.raises(terrapin.errors.InputError, match=r"expected a case's folder; Case\.from_table makes one"):
+        terrapin.Case.load(file)
 
 
 WRONG: list[tuple[dict[str, Any], str]] = [

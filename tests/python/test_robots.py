@@ -379,7 +379,7 @@ def test_a_process_without_a_choice_has_the_cylinder(tmp_path: Path) -> None:
 
 def test_a_scenario_for_another_robot_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        ReadingError, match="found sphere, expected cylinder, the robot of this process; --robot sphere"
+        ReadingError, match="found sphere, expected cylinder, the robot of this process; --robot=sphere"
     ):
         scenario(tmp_path, '[robot]\nfile = "sphere"')
 

@@ -312,7 +312,7 @@ def _robot(root: Section) -> Robot:
     named = Path(section.text("file", design.name)).name.removesuffix(".toml")
     if named != design.name:
         raise section.error(
-            "file", f"found {named}, expected {design.name}, the robot of this process; --robot {named}"
+            "file", f"found {named}, expected {design.name}, the robot of this process; --robot={named}"
         )
     section.flag("told", False)
     return quantities(section, Robot, Robot(**design.plant))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 from terrapin_tools.door.effect import Effect
@@ -11,14 +12,15 @@ if TYPE_CHECKING:
     from terrapin_tools.workbench.compare.intervals import Interval
     from terrapin_tools.workbench.story.story import Story, Value
 
-__all__ = ["Answer"]
+__all__ = ["Answer", "in_a_program"]
 
 
 @final
 class Answer:
     """The verdict on a case, of `Case.compare` or `Case.discover`: immutable, and goes to another process as it is.
 
-    In a notebook it is the card of the page, in a terminal three lines; `print` shows all that `terrapin` prints.
+    In a notebook it is the card of the page, in a terminal three lines; `print` shows all that `terrapin` prints, with
+    the next call in place of the next command.
 
     >>> answer = Case.example("heated_motor").compare()
     >>> answer.verdict, answer.missing
@@ -138,7 +140,7 @@ class Answer:
     def __str__(self) -> str:
         from terrapin_tools.workbench.story.terminal import tell
 
-        return tell(self._story)
+        return tell(in_a_program(self._story))
 
     def __repr__(self) -> str:
         from terrapin_tools.door.card import as_lines
@@ -154,3 +156,12 @@ class Answer:
         from terrapin_tools.door.card import as_html
 
         return as_html(self._story)
+
+
+def in_a_program(story: Story) -> Story:
+    """The story as a program goes on with it: its case is in memory, where no command finds it."""
+    step = story.next
+    if not step.command:
+        return story
+    call = "case.discover()" if step.do == "discover" else "case.add(answer.missing)"
+    return replace(story, next=replace(step, command=call))

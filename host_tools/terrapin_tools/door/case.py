@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
-from terrapin_tools.door.answer import Answer
+from terrapin_tools.door.answer import Answer, in_a_program
 from terrapin_tools.door.effect import Effect
 from terrapin_tools.errors import UserError, for_programs
 
@@ -138,6 +138,7 @@ class Case:
         span: float | None = None,
         soil: str = "",
         title: str = "Logged runs",
+        robot: str = "",
     ) -> Case:
         """A case of logged runs of a robot: a row for each steady window that its controller called valid.
 
@@ -148,14 +149,15 @@ class Case:
         after, before : windows between these times count [s].
         span : rows of this length [s], steady or not, in place of the windows.
         soil : under a sphere, a name of the library.
+        robot : whose runs they are, a shipped one or a file; it becomes that of this process.
 
         Raises
         ------
-        errors.InputError : a folder has no log, or the log no such row.
+        errors.InputError : a folder has no log, the log no such row, or it is another robot's.
         """
         from terrapin_tools.door.making import case_of_runs
 
-        return cls(case_of_runs(logs, list(effects), after, before, span, soil, title))
+        return cls(case_of_runs(logs, list(effects), after, before, span, soil, title, robot))
 
     # -- what it is ----------------------------------------------------------------------------------------------------
 
@@ -372,7 +374,9 @@ class Case:
         from terrapin_tools.workbench.files.writing import write_whole
         from terrapin_tools.workbench.story.page import page_of
 
-        write_whole(Path(file), page_of(*self._asked("discover" if discover else "compare", seed, level)))
+        analysis, story = self._asked("discover" if discover else "compare", seed, level)
+        in_memory = self._case.folder == Path()
+        write_whole(Path(file), page_of(analysis, in_a_program(story) if in_memory else story))
         return Path(file)
 
     # -- as a value ----------------------------------------------------------------------------------------------------

@@ -10,11 +10,13 @@ from typing import Any
 
 import tomlkit
 
+from terrapin_hil.robots import select
 from terrapin_tools.door.effect import numbers
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
 from terrapin_tools.workbench.files.arrow_tables import from_arrow
+from terrapin_tools.workbench.files.format import Ambiguous
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.new_case.from_columns import document_of
 from terrapin_tools.workbench.new_case.from_tables import split_unit
@@ -28,8 +30,10 @@ FILE = "table.parquet"  # in which the table stands when the case is saved
 def table_of(source: object) -> tuple[Table, dict[str, str]]:
     """A table with the units that it tells; a text or Path is the name of a CSV or Parquet file."""
     if isinstance(source, str | Path):
-        table = read(Path(source))
-        return table, {}
+        try:
+            return read(Path(source)), {}
+        except Ambiguous as error:
+            raise UserError(f"{error.found}; read it as it is meant (pandas.read_csv), and give the table") from None
     return from_arrow(source, "table")
 
 
@@ -142,8 +146,11 @@ def case_of_runs(
     span: float | None,
     soil: str,
     title: str,
+    robot: str,
 ) -> Case:
     """See `terrapin_tools.Case.from_log`."""
+    if robot:
+        select(robot)
     runs = [read_run(Path(getattr(log, "path", log)), after, before, span) for log in logs]
     with tempfile.TemporaryDirectory() as scratch:
         write_case(Path(scratch), runs, title, effects, soil)

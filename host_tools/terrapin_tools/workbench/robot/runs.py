@@ -136,7 +136,7 @@ def read_run(
             sigma = {"current": float(np.hypot(_scatter(tables["ELECTRICAL"], columns["time"], span), through))}
     if len(columns["time"]) == 0:
         kind = "valid steady window" if span is None else f"stretch of {2 * width:g} s"
-        hint = "; terrapin case --span makes rows of motion that is not steady" if span is None else ""
+        hint = "; --span makes rows of motion that is not steady" if span is None else ""
         raise UserError(f"{log}: found no {kind} of a running robot, expected at least one{hint}")
     columns["load"] = np.full(len(columns["time"]), parameters["weight"])
     last = columns["time"][-1:]
