@@ -30,6 +30,7 @@ COMMANDS = (  # of the command line, and what a program calls in their place
     (re.compile(r"`?terrapin run --out`?"), "Session(..., log=FOLDER)"),
     (re.compile(r"`?terrapin (compare|discover|add|remove|report)\b`?"), r"Case.\1"),
     (re.compile(r"--robot\b"), "Robot(NAME).use()"),
+    (re.compile(r'is = "\.\.\."'), "roles= of Case.from_table"),
 )
 
 

@@ -80,6 +80,28 @@ def test_a_bench_in_eight_lines_says_what_the_command_line_says(
     assert figure.axes[0].get_xlabel() == "temp [degC]"
 
 
+def test_a_column_may_say_what_it_is(tmp_path: Path) -> None:
+    """As `is` in case.toml: mechanics by their names become candidates."""
+    draw = np.random.default_rng(4)
+    rate = np.tile(np.linspace(-9.0, 9.0, 60), 6)
+    angle = np.cumsum(rate) % 6.0
+    torque = 0.5 * rate + 0.8 * np.sign(rate) + draw.normal(0.0, 0.05, 360)
+    table = {"run": np.repeat(np.arange(6), 60), "rate": rate, "q": angle, "torque": torque}
+    case = terrapin.Case.from_table(
+        table,
+        run="run",
+        units={"v": "rad/s", "q": "rad", "torque": "N m"},
+        columns={"v": "rate"},
+        roles={"v": "speed", "q": "position"},
+        equation={"torque": "b*v"},
+        fit={"b": (0.1, -9.0, 9.0, "N m s/rad")},
+    )
+    assert 'v = {column = "rate", unit = "rad/s", is = "speed"}' in case.text
+    assert case.discover(progress=lambda _: None).missing == ("coulomb_friction",)
+    assert terrapin.Case.load(case.save(tmp_path / "case")) == case
+    assert case.add("coulomb_friction").compare().verdict == "adequate"
+
+
 @pytest.mark.parametrize("kind", ["pandas", "arrow", "columns", "interchange", "metadata"])
 def test_every_table_that_speaks_arrow_is_the_same_case(case: terrapin.Case, kind: str) -> None:
     frame, units = bench(), UNITS
@@ -292,6 +314,12 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"run": "test"}, "run: found 'test', expected one of run, w, M, temp"),
     ({"equation": {"torque": "a + b*w"}}, "equation: torque is no column"),
     ({"equation": {"M": "a + b*speed"}}, "speed has none"),
+    ({"roles": {"w": "spin"}}, "roles: w: found 'spin', expected one of speed,"),
+    ({"roles": {"M": "torque"}}, "roles: found M, expected an input of the model: one of w, temp"),
+    ({"roles": {"v": "speed"}}, "roles: found v, expected an input"),
+    ({"roles": {"w": "position"}}, "found 'rpm' for a position, expected"),
+    ({"roles": {"w": "speed"}, "base": "rolling_steady", "equation": {}}, 'roles: expected only with base "equation"'),
+    ({"effects": ["coulomb_friction"]}, "told to be the speed or direction (roles= of Case.from_table)"),
     ({"fit": {"a": (0.0, 1.0), "b": 1.0}}, "fit: a: found (0.0, 1.0), expected START"),
     ({"fit": {"a": "much", "b": 1.0}}, "fit: a: found 'much', expected START"),
     ({"base": "rolling"}, "base: found 'rolling', expected one of"),

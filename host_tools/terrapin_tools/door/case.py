@@ -87,6 +87,7 @@ class Case:
         fit: Mapping[str, Any] | None = None,
         constants: Mapping[str, Any] | None = None,
         columns: Mapping[str, str] | None = None,
+        roles: Mapping[str, str] | None = None,
         noise: Mapping[str, float] | None = None,
         base: str = "equation",
         effects: Sequence[str] = (),
@@ -107,6 +108,8 @@ class Case:
         fit : fitted name -> START, (START, MIN, MAX) or (START, MIN, MAX, UNIT).
         constants : known name -> number in SI, (NUMBER, UNIT) or "80 mm".
         columns : name in the model -> column, where they differ.
+        roles : name in the model -> what it is, of base "equation": speed, position, acceleration, temperature,
+            current, torque, time or direction. With one, effects of mechanics become candidates (docs/effects.md).
         noise : channel -> sd of a row, in the column's unit, where it is known.
         base : the base model (docs/bases.md).
         effects : effects that the model has already.
@@ -121,8 +124,8 @@ class Case:
 
         return cls(
             case_of(
-                table, base=base, run=run, columns=columns or {}, units=units or {}, noise=noise or {},
-                equation=equation or {}, constants=constants or {}, fit=fit or {}, effects=effects,
+                table, base=base, run=run, columns=columns or {}, roles=roles or {}, units=units or {},
+                noise=noise or {}, equation=equation or {}, constants=constants or {}, fit=fit or {}, effects=effects,
                 limits=limits or {}, train=train, test=test, title=title,
             )
         )  # fmt: skip

@@ -10,6 +10,7 @@ from typing import Any
 
 import tomlkit
 
+from terrapin_hil.physics.mechanics import ROLES
 from terrapin_hil.robots import select
 from terrapin_tools.door.effect import numbers
 from terrapin_tools.errors import UserError
@@ -43,6 +44,7 @@ def case_of(
     base: str,
     run: str,
     columns: Mapping[str, str],
+    roles: Mapping[str, str],
     units: Mapping[str, str],
     noise: Mapping[str, float],
     equation: Mapping[str, str],
@@ -58,7 +60,8 @@ def case_of(
     table, told = table_of(source)
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
-    names = _columns(table, base, columns, {**told, **units}, equation)
+    names = _columns(table, base, columns, {**dict.fromkeys(roles, ""), **told, **units}, equation)
+    _check_roles(roles, base, names, equation)
     for option, given in (("units", units), ("noise", noise)):
         unknown = next((name for name in given if name not in {*names, *table.columns}), None)
         if unknown is not None:
@@ -68,7 +71,7 @@ def case_of(
         unit = units.get(name) or units.get(column) or told.get(column) or split_unit(column)[1]
         if not unit:
             raise UserError(f"column {column}: found no unit, expected one: units={{{name!r}: 'mm'}}; '1' for none")
-        mapped[name] = {"column": column, "unit": unit, "sigma": noise.get(name)}
+        mapped[name] = {"column": column, "unit": unit, "is": roles.get(name), "sigma": noise.get(name)}
     if run and run not in table.columns:
         raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
     order = {
@@ -116,6 +119,17 @@ def _columns(
     if not known:
         raise UserError("units: found none, expected the unit of each column that the model uses: units={'w': 'rpm'}")
     return known
+
+
+def _check_roles(roles: Mapping[str, str], base: str, names: Mapping[str, str], equation: Mapping[str, str]) -> None:
+    if roles and not BASES[base].own_names:
+        raise UserError(f'roles: expected only with base "equation", found base {base}, whose columns have theirs')
+    inputs = [name for name in names if name not in equation]
+    for name, role in roles.items():
+        if name not in inputs:
+            raise UserError(f"roles: found {name}, expected an input of the model: one of {', '.join(inputs)}")
+        if role not in ROLES:
+            raise UserError(f"roles: {name}: found {role!r}, expected one of {', '.join(ROLES)}")
 
 
 def _constant(name: str, value: Any) -> Any:
