@@ -151,9 +151,33 @@ def test_of_many_columns_with_text_the_first_ones_say_where(tmp_path: Path, caps
     assert status == 0
     assert out.count("log.csv:2") == 3
     assert "Left out, too, for text between numbers: e, f\n" in out
-    status, _, err = terrapin(capsys, "compare", tmp_path / "case")
-    assert status == 2
-    one_line(err, ["the only run 'log' would be held out", "--train"])
+    assert "The one run is trained on" in out
+    status, out, _ = terrapin(capsys, "compare", tmp_path / "case")
+    assert status == 0
+    assert "1 run, 0 held out" in out
+
+
+def test_of_two_files_both_are_trained_on_and_one_alone_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each at a temperature of its own: what differs between them was never seen by the fit, and its noise was 10 x."""
+    random = np.random.default_rng(5)
+    for name, warm in (("cold", 20.0), ("hot", 65.0)):
+        w = np.linspace(5.0, 60.0, 40)
+        torque = 0.02 + 4e-4 * w * (1.0 - 0.008 * (warm - 25.0)) + 3e-4 * random.standard_normal(40)
+        rows = "".join(f"{a:.4f},{warm},{b:.6f}\n" for a, b in zip(w, torque, strict=True))
+        (tmp_path / f"{name}.csv").write_text("speed [rad/s],temperature [degC],torque [N m]\n" + rows)
+    folder = tmp_path / "case"
+    status, out, _ = terrapin(capsys, "case", tmp_path / "cold.csv", tmp_path / "hot.csv", "--to", folder)
+    assert (status, "Both runs are trained on" in out) == (0, True)
+    text = (folder / "case.toml").read_text()
+    assert 'train = ["cold", "hot"]' in text
+    _, out, _ = terrapin(capsys, "compare", folder)
+    assert ("2 runs, 0 held out" in out, "is trained on:" in out) == (True, False)
+    (folder / "case.toml").write_text(text.replace("\ntrain = ", "\n# "))
+    _, out, _ = terrapin(capsys, "compare", folder)
+    assert "2 runs, 1 held out" in out
+    assert "Only cold is trained on" in out
 
 
 def test_tables_that_cannot_be_a_case(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -102,7 +102,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
     by_name = tuple(sorted(run_names))
-    held_out = by_name[4::5] if len(by_name) >= 5 else by_name[-1:]
+    held_out = by_name[4::5] if len(by_name) >= 5 else by_name[1:][-1:]
     train_runs, test_runs = split_runs(tables, run_names, held_out)
     values = {e.name: units.convert(columns[e.column][rows], e.unit, e.canonical) for e in mapped}
     mends = {e.name: e.mend for e in mapped}
@@ -292,9 +292,7 @@ def split_runs(tables: Tables, names: Sequence[str], held_out: Sequence[str]) ->
     if both:
         raise tables.complain(f"run {both[0]!r} is in train and in test, expected in one of them", "data", "test")
     if not train:
-        only = f"the only run {names[0]!r} would be held out (name it here, or with --train, to train on it)"
-        reason = only if len(names) == 1 else "found an empty list"
-        raise tables.complain(f"{reason}, expected at least one run to train on", "data", "train")
+        raise tables.complain("found an empty list, expected at least one run to train on", "data", "train")
     return train, test
 
 

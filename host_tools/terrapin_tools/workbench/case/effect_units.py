@@ -5,6 +5,7 @@ A parameter without a unit carries what makes the expression sound: the wanted u
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -121,7 +122,7 @@ def _in_base(unit: Any) -> float:
 
 
 def _spell(unit: Any) -> str:
-    return f"{unit:~C}" or "1"
+    return re.sub(r"°R\b", "°F", f"{unit:~C}") or "1"  # in a product °F is read as a difference
 
 
 def plain(unit: Any) -> str:

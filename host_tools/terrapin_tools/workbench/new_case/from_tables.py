@@ -39,6 +39,8 @@ from terrapin_tools.workbench.new_case.reading import (
     with_runs,
 )
 
+FEW_RUNS = 2  # of which none is held out: one run alone does not tell what differs between runs
+
 __all__ = ["Guess", "base_of", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
@@ -187,9 +189,9 @@ def write_table_case(
     if (folder / "case.toml").exists():
         raise taken
     found = _gathered(files, asked, ask, columns or {}, told or {}, chosen)
-    tables, run, asked, guesses = found.tables, found.run, found.asked, found.guesses
+    tables, guesses = found.tables, found.guesses
     base, offered = _chosen(found, files, title, chosen)
-    document = _document(folder, files, title, base, run, guesses, asked, found.groups)
+    document = _document(folder, files, title, base, found)
     assumed = assumptions(tables)
     if assumed:
         show(assumed)
@@ -224,11 +226,17 @@ def write_table_case(
         named = ", ".join(f"{name} {count}" for name, count in gaps.items() if count)
         lines.append(f"Rows with a gap in a mapped column will be left out: {named}.")
         lines[-1] += f" The first is {first_gap(tables, list(gaps))}."
-    lines += [*_shared_names(tables, run, text), *told_gaps(tables, asked), *told_repeats(tables), *found.others]
-    if run is None:
+    lines += [
+        *_shared_names(tables, found.run, text),
+        *told_gaps(tables, found.asked),
+        *told_repeats(tables),
+        *found.others,
+    ]
+    if found.run is None:
         lines.append("No column names the run: each file is one.")
-    if found.runs < 2:
-        lines.append("One run is too few to hold one out: name the column of the run, or give more files.")
+    if few := found.too_few():
+        both = "The one run is" if len(few) == 1 else "Both runs are"
+        lines.append(f"{both} trained on, for none can be spared: hold further runs out to try what is found.")
     lines.append("Lines marked CHECK hold constants that no table can tell.")
     return "\n".join(lines)
 
@@ -247,6 +255,13 @@ class _Gathered:
     guesses: list[Guess]
     text: list[str]
     groups: dict[str, list[str]]
+
+    def too_few(self) -> list[str]:
+        """The runs' names, where there are so few that a model of what differs between them needs each."""
+        if self.runs > FEW_RUNS:
+            return []
+        run = self.run
+        return sorted({n for t in self.tables for n in ([t.path.stem] if run is None else t.text(run))})
 
 
 def base_of(file: Path, asked: Asked = PLAIN) -> tuple[Base, list[str]]:
@@ -302,7 +317,7 @@ def _chosen(read: _Gathered, files: Sequence[Path], title: str, wanted: str) -> 
         return likely, []
 
     def document(base: Base, place: Path) -> str:
-        return _document(place, files, title, base, read.run, read.guesses, read.asked, read.groups)
+        return _document(place, files, title, base, read)
 
     found = offers(suit, document, sum(table.rows for table in read.tables))
     best = likely if wanted or found[0].why else found[0].base
@@ -461,17 +476,8 @@ effects = []
 """
 
 
-def _document(
-    folder: Path,
-    files: Sequence[Path],
-    title: str,
-    base: Base,
-    run: str | None,
-    guesses: Sequence[Guess],
-    asked: Asked,
-    groups: Mapping[str, Sequence[str]],
-) -> str:
-    mapped = _mapped(guesses, base)
+def _document(folder: Path, files: Sequence[Path], title: str, base: Base, read: _Gathered) -> str:
+    mapped = _mapped(read.guesses, base)
     own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
     made_up = _made_up(own)
     if base.own_names:
@@ -480,10 +486,14 @@ def _document(
     lines = [HEAD.format(title=_quoted(title), base=_quoted(base.name), guessed=told), *own]
     near = [os.path.relpath(file.resolve(), folder.resolve()) for file in files]
     lines += ["", "[data]", f"files = [{', '.join(_quoted(name) for name in near)}]"]
-    lines.append(f"run = {_quoted(run)}" if run is not None else "# run = ...  # no column names it: each file is one")
-    if asked.said():
-        lines += ["", "[data.read]", *(f"{key} = {_quoted(value)}" for key, value in asked.said().items())]
-    if groups:
+    lines.append(
+        f"run = {_quoted(read.run)}" if read.run is not None else "# run = ...  # no column names it: each file is one"
+    )
+    if few := read.too_few():
+        lines.append(f"train = [{', '.join(map(_quoted, few))}]  # too few to hold one out")
+    if said := read.asked.said():
+        lines += ["", "[data.read]", *(f"{key} = {_quoted(value)}" for key, value in said.items())]
+    if groups := read.groups:
         own_names = _distinct_names(groups)
         lines += ["", "[groups]  # of runs; a parameter with by = NAME has a value for each"]
         lines += [f"{n} = {{ column = {_quoted(c)} }}  # {', '.join(groups[c])}" for c, n in own_names.items()]
@@ -492,7 +502,7 @@ def _document(
         unit = guess.unit or _unit(name, base)
         note = "  # CHECK the unit: assumed" if not guess.unit else ""
         lines.append(f"{name} = {{ column = {_quoted(guess.column)}, unit = {_quoted(unit)} }}{note}")
-    for guess in guesses:
+    for guess in read.guesses:
         if guess not in mapped:
             why = base.left_out.get(guess.name or "")
             lines.append(f"# {guess.column}: {f'left out: {why}' if why else 'not mapped'}")

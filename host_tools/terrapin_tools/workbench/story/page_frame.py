@@ -90,7 +90,8 @@ PAGE = """<!doctype html>
 <html lang="en"><head><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
 <title>{{ story.title }}</title><style>{{ style|safe }}</style></head><body>
 <header><h1>{{ story.title }}</h1>
-<span class="what">{{ story.runs }} runs, {{ story.held_out|length }} held out · {{ story.model }}</span>
+<span class="what">{{ story.runs }} run{{ 's' if story.runs != 1 }}, {{ story.held_out|length }} held out ·
+{{ story.model }}</span>
 <span class="verdict v-{{ story.verdict }}">{{ story.chip }}</span>
 <button id="theme" aria-label="light or dark">&#9680;</button></header>
 <div class="lead"><p>{{ story.headline }}</p><div class="soft">{{ story.alarm }}</div>

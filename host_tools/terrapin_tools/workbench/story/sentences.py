@@ -44,6 +44,7 @@ __all__ = [
     "not_apart",
     "number",
     "of_hundred",
+    "one_run",
     "only_here",
     "percent",
     "periodic",
@@ -455,6 +456,14 @@ def goal(one: Goal) -> str:
     if one.met:
         return f"{now}: good enough as it is; {then}."
     return f"{now}: not good enough; {then}, {'which is' if one.then_met else 'which is not enough either'}."
+
+
+def one_run(name: str) -> str:
+    """That what differs between runs cannot be told."""
+    return (
+        f"Only {name} is trained on: nobody can tell from one run what differs between runs, nor how noisy they are. "
+        'If the others may be trained on, list them too, as train = ["...", "..."] under [data].'
+    )
 
 
 def thinned(step: int) -> str:

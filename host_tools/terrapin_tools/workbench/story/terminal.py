@@ -36,7 +36,7 @@ WIDTH = 120
 
 def tell(story: Story) -> str:
     """The answer of compare or discover."""
-    runs = f"{story.runs} runs, {len(story.held_out)} held out"
+    runs = f"{story.runs} run{'s' * (story.runs != 1)}, {len(story.held_out)} held out"
     lines = [f"{story.title}: {runs}, model {story.model} [{story.chip}]"]
     lines += [part for remark in story.intake for part in _wrapped(remark, "  ")]
     lines += ["", *_wrapped(story.headline), *([story.alarm] if story.alarm else [])]

@@ -115,9 +115,11 @@ def _notes(
     """What is said beside the verdict, line by line."""
     case = analysis.case
     yield from (sentences.goal(one) for one in goals)
+    if len(trained := {*case.run[case.train].tolist()}) == 1 and case.test.any():
+        yield sentences.one_run(case.run_names[trained.pop()])
     if analysis.step > 1:
         yield sentences.thinned(analysis.step)
-    if analysis.missing and not (found and found.blamed):
+    if analysis.missing and len(case.run_names) > 1 and not (found and found.blamed):
         yield _carried(analysis, sigma)
     if found:
         yield from _doubtful(analysis, found)
