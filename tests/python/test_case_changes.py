@@ -386,11 +386,24 @@ def test_files_are_runs_where_no_column_says_so(tmp_path: Path) -> None:
         (COLUMNS.replace("0.5", "0.0"), r"data\.columns\.y\.sigma.*expected more than 0"),
         (COLUMNS + 'z = { column = "x", unit = "m" }\n', r"column 'x' is mapped as x in mm too"),
         (COLUMNS.replace('"mm"', '"wobbles"'), "wobbles"),
+        (
+            COLUMNS + 'z = { column = "y", unit = "N" }\n',
+            r"'y' is y, which is predicted: as input z it would explain itself",
+        ),
     ],
 )
 def test_an_entry_of_the_columns_that_is_wrong_is_told(tmp_path: Path, columns: str, told: str) -> None:
     with pytest.raises(UserError, match=told):
         load_case(_case(tmp_path, _rows("a b"), columns, 'run = "run"\n'))
+
+
+def test_a_formula_that_reads_what_is_predicted_too_says_so(tmp_path: Path) -> None:
+    """It used to say that y is no column, beside the column y."""
+    folder = _case(tmp_path, _rows("a b", ",1"), COLUMNS + 'z = { column = "note", unit = "N" }\n', 'run = "run"\n')
+    text = (folder / "case.toml").read_text()
+    (folder / "case.toml").write_text(text.replace('y = "a*x"', 'y = "a*x"\nz = "2*y"'))
+    with pytest.raises(UserError, match="y is predicted too, and formulas read inputs"):
+        load_case(folder)
 
 
 def test_one_column_may_be_read_twice_in_one_unit(tmp_path: Path) -> None:

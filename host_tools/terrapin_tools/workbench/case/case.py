@@ -415,7 +415,10 @@ def _check_names(case: Case, complain: Complaint) -> None:
     for channel, expression in ({} if case.dynamics else case.equations).items():
         unknown = sorted(expression.names - known)
         if unknown:
-            raise complain(f"{unknown[0]} is no column, parameter or fitted name", "model", "equation", channel)
+            what = "is no column, parameter or fitted name"
+            if unknown[0] in case.channels:
+                what = "is predicted too, and formulas read inputs; expected it as an input, in a case of its own"
+            raise complain(f"{unknown[0]} {what}", "model", "equation", channel)
 
 
 def require_effect(case: Case, name: str, complain: Complaint) -> Effect:

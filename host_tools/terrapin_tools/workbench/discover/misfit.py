@@ -47,6 +47,8 @@ def importance(analysis: Analysis, ranking: Ranking) -> dict[str, float]:
         if h.fit is not None and h.effects and h.kind != "part"
     ][:ANSWERS]
     total = sum(p for _, p in answers)
+    if total <= 0.0:
+        return {}  # each is ruled out
     found: dict[str, float] = {}
     for answer, probability in answers:
         for name, share in _shares(analysis, answer).items():
