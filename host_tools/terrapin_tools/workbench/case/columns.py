@@ -204,10 +204,10 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             )
         twin = next((e for e in mapped[:i] if e.column == entry.column and e.channel != entry.channel), None)
         if twin is not None and equations and not base.own_dynamics:
-            channel, own = (twin, entry) if twin.channel else (entry, twin)
+            seen, own = (twin, entry) if twin.channel else (entry, twin)
             raise tables.complain(
-                f"column {entry.column!r} is {channel.name}, which is predicted: as input {own.name} it would explain "
-                f"itself. Expected another column, or a case of its own for what {channel.name} drives",
+                f"column {entry.column!r} is {seen.name}, which is predicted: as input {own.name} it would explain "
+                f"itself. Expected another column, or a case of its own for what {seen.name} drives",
                 *("data", "columns", own.name, "column"),
             )
     for predicted in equations:
