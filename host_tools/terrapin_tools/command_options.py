@@ -21,6 +21,7 @@ __all__ = [
     "Level",
     "NodeNumber",
     "Picture",
+    "Reading",
     "RobotName",
     "Seed",
     "ThisRobot",
@@ -52,6 +53,10 @@ _ROBOT: dict[str, Any] = {
 RobotName = Annotated[str, typer.Option("--robot", **_ROBOT)]
 ThisRobot = Annotated[str, typer.Option("--robot", **_ROBOT, callback=_take_robot)]  # of this process
 Json = Annotated[str, typer.Option("--json", metavar="FILE", help="write the answer as JSON; - for standard output")]
+Reading = Annotated[
+    list[str] | None,
+    typer.Option("--read", metavar="KEY=VALUE", help="how to read: sheet, range, names, decimal, dates, runs, ..."),
+]
 Seed = Annotated[int, typer.Option("--seed", help="of everything drawn at random; same seed, same answer")]
 Jobs = Annotated[int, typer.Option("--jobs", help="processes to use at most")]
 BitRate = Annotated[

@@ -15,7 +15,7 @@ from drawn_tables import DAMAGES, damaged, draw
 
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.files import csv_files, csv_layout
+from terrapin_tools.workbench.files import csv_files, number_marks
 from terrapin_tools.workbench.files.tables import read
 
 SPELLINGS: dict[str, Callable[[str], bytes]] = {
@@ -287,7 +287,7 @@ def test_four_times_the_rows_are_four_times_the_work() -> None:
 
         sys.setprofile(counted)
         try:
-            csv_layout.plain_numbers({"torque": cells}, ",", "runs.csv")
+            number_marks.plain_numbers({"torque": cells}, ",", "runs.csv")
         finally:
             sys.setprofile(None)
         return count

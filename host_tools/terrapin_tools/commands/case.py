@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from terrapin_tools.command_options import Json, Picture, ThisRobot, deliver
+from terrapin_tools.command_options import Json, Picture, Reading, ThisRobot, deliver
 from terrapin_tools.errors import UserError
 
 if TYPE_CHECKING:
@@ -20,10 +20,6 @@ __all__ = ["SUBCOMMANDS", "implied"]
 Texts = list[str] | None
 To = Annotated[Path, typer.Option("--to", metavar="CASE", help="the case's folder; made if it is not there")]
 Title = Annotated[str, typer.Option("--title", help="of the case")]
-Reading = Annotated[
-    Texts,
-    typer.Option("--read", metavar="KEY=VALUE", help="how to read: sheet, range, names, decimal, dates, runs, ..."),
-]
 Effects = Annotated[Texts, typer.Option("--effect", metavar="EFFECT", help="already in the model; repeat for more")]
 
 

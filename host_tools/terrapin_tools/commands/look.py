@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from terrapin_tools.command_options import Json, Picture, deliver
+from terrapin_tools.command_options import Json, Picture, Reading, deliver
 from terrapin_tools.errors import UserError
 
 __all__ = ["look"]
@@ -16,6 +16,7 @@ __all__ = ["look"]
 def look(
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="tables, or logs of a bus")],
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
+    read: Reading = None,
     plot: Picture = None,
     json: Json = "",
 ) -> None:
@@ -23,18 +24,25 @@ def look(
     runs and steady states may be. The file is only read.
 
     Example: terrapin look day_1.csv --plot day_1.png
-    """
-    from terrapin_tools.workbench.intake import look as room
 
+    What was assumed of a table is shown above its columns. --read says otherwise, as for `terrapin case table`:
+
+    terrapin look logger.csv --read names=3 --read units=4
+    """
+    from terrapin_tools.workbench.files.format import Asked
+    from terrapin_tools.workbench.intake import look as room
+    from terrapin_tools.workbench.new_case.options import pairs
+
+    asked = Asked.of(pairs("--read", read or []), "--read")
     if plot is not None and len(files) > 1:
         raise UserError(f"--plot: found {len(files)} files, expected one")
     answers: list[dict[str, Any]] = []
     for file in files:
-        answers.append(room.look(file, dbc))
+        answers.append(room.look(file, dbc, asked))
     if plot is not None:
         from terrapin_tools.workbench.intake.look_picture import draw
 
-        table, _ = room.table_of(files[0], dbc)
+        table, _ = room.table_of(files[0], dbc, asked)
         if table is None:
             raise UserError(f"{files[0]}: found no signal, expected a description of its bus (--dbc)")
         draw(table, answers[0], plot)

@@ -104,7 +104,7 @@ def _look_table(path: Path, kind: str, asked: Asked) -> dict[str, Any]:
         gathered.take(table)
         if first:
             numeric = [name for name in gathered.names if name not in gathered.text]
-            time_column = next((g.column for g in guess_columns(numeric) if g.name == "time"), None)
+            time_column = next((g.column for g in guess_columns(numeric, gathered.text) if g.name == "time"), None)
             run_column = guess_run(gathered.names)
             clock = Clock(split_unit(time_column)[1] or "s") if time_column is not None else None
         if clock is not None and time_column not in gathered.text and time_column is not None:
@@ -123,7 +123,7 @@ def _look_table(path: Path, kind: str, asked: Asked) -> dict[str, Any]:
 def _answer(
     kind: str, rows: int, numeric: list[str], gathered: _Columns, run_column: str | None, warnings: list[str]
 ) -> dict[str, Any]:
-    guesses = {guess.column: guess for guess in guess_columns(numeric)}
+    guesses = {guess.column: guess for guess in guess_columns(numeric, gathered.text)}
     columns = []
     for name in gathered.names:
         guess = guesses.get(name)

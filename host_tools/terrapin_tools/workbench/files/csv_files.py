@@ -13,8 +13,9 @@ import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.csv_layout import GAPS, Layout, called, find_layout, plain_numbers
+from terrapin_tools.workbench.files.csv_layout import Layout, called, find_layout
 from terrapin_tools.workbench.files.format import Asked, arrow_texts, text_cells
+from terrapin_tools.workbench.files.number_marks import GAPS, plain_numbers
 
 __all__ = ["layout_of", "read_csv"]
 

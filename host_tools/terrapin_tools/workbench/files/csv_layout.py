@@ -16,35 +16,26 @@ from pathlib import Path
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files import units
-from terrapin_tools.workbench.files.format import Ambiguous, Asked
+from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.number_marks import GAPS, is_marked, is_number
+from terrapin_tools.workbench.files.times import is_clock_format, is_time
 
 __all__ = [
-    "GAPS",
     "Layout",
     "are_units",
     "called",
     "distinct",
     "find_layout",
-    "is_number",
-    "plain_numbers",
     "with_unit",
 ]
 
-GAPS = ("", "nan", "na", "n/a", "#n/a", "#na", "null", "none", "-", "--", "---", "inf", "-inf", "+inf", "#div/0!")
 TOP = 1 << 18  # bytes at the beginning in which names and rows are looked for
 MAX_TOP = 1000  # lines above the names
-FEW = 0.05  # share of a column's numbers that are odd if they alone show no decimals
-LEAP = 10.0  # times the largest of them
+SOME = 20  # rows at the end by which columns of numbers are told
 BODY = 3  # rows of equal length, names among them, that make a table below other lines
 PLAIN = Asked()
-Place = tuple[int, str, str]
 DELIMITERS = ",;\t|"
 _SEP_LINE = re.compile(r'"?sep=(.)"?,*;*\s*')
-_NUMBER = re.compile(r"[-+]?(?:\d+[.,]?\d*|[.,]\d+)(?:[eEdD][-+]?\d+)?")
-# A number with any marks: digits in groups, an exponent as Fortran writes it too.
-_MARKED = re.compile(r"([-+]?)(\d[\d.,' \u00a0\u2009\u202f]*|[.,]\d+)(?:[eEdD]([-+]?\d+))?")
-_GROUPS = re.compile(r"\d{1,3}(?:\.\d{3})+|\d{1,3}(?:,\d{3})+")  # of thousands
-_SPACES = re.compile(r"(?<=\d)['\u00a0\u2009\u202f ](?=\d{3}(?!\d))")
 
 
 @dataclass(frozen=True)
@@ -56,11 +47,6 @@ class Layout:
     names: tuple[str, ...]
     first: int
     notes: tuple[str, ...]
-
-
-def is_number(text: str) -> bool:
-    """Whether a cell is written as a number, with a point or a comma."""
-    return _NUMBER.fullmatch(text.strip()) is not None
 
 
 def find_layout(path: Path, asked: Asked = PLAIN) -> Layout:
@@ -101,12 +87,16 @@ def find_layout(path: Path, asked: Asked = PLAIN) -> Layout:
             raise UserError(f"{path.name}: names: found {asked.names}, expected one of its first {len(lines)} lines")
     delimiter = given or (separator[1] if separator else "")
     delimiter = delimiter or next((mark for mark in DELIMITERS if mark in lines[number]), ",")
-    if not asked.names and not _is_table(lines[number:], delimiter):
-        found = _below_others(lines, number, given or DELIMITERS)
-        if found:
-            above, delimiter = found
-            told.append(f"{above - number} lines above the names")
-            number = above
+    if not asked.names:
+        begin = number
+        if not _is_table(lines[number:], delimiter):
+            number, delimiter = _below_others(lines, number, given or DELIMITERS, delimiter)
+        above, hint = _above_names(lines[number:], delimiter, number, asked.units)
+        number += above
+        if number > begin:
+            told.append(f"{number - begin} line{'s' * (number - begin > 1)} above the names")
+        if hint:
+            told.append(hint)
     names = [name.strip() for name in next(csv.reader([lines[number]], delimiter=delimiter), [])]
     _check(path, names, number + 1)
     row = next(csv.reader([lines[number + 1]], delimiter=delimiter), []) if number + 1 < len(lines) else []
@@ -173,8 +163,9 @@ def _is_table(lines: Sequence[str], delimiter: str) -> bool:
     return 2 * alike > len(counts) and (counts[0] > 1 or len(lines) < BODY)
 
 
-def _below_others(lines: Sequence[str], begin: int, delimiters: str) -> tuple[int, str] | None:
-    """The line of names and the delimiter of a table that stands below lines of something else."""
+def _below_others(lines: Sequence[str], begin: int, delimiters: str, tried: str) -> tuple[int, str]:
+    """The line of names and the delimiter of a table that stands below lines of something else, or has another
+    delimiter than the one that was `tried`; `begin` and that one where there is none."""
     best: tuple[int, int, int, str] | None = None
     for delimiter in delimiters:
         if delimiter == "," and any(2 * sum(mark in line for line in lines) > len(lines) for mark in ";\t|"):
@@ -186,13 +177,95 @@ def _below_others(lines: Sequence[str], begin: int, delimiters: str) -> tuple[in
             at = next((i for i in range(begin, len(lines)) if counts[i] == width), len(lines))
             rest = counts[at:]
             alike = rest.count(width)
-            if at == begin or alike < BODY or 2 * alike <= len(rest):
+            if (at == begin and delimiter == tried) or alike < BODY or 2 * alike <= len(rest):
                 continue
+            at += _above_names(lines[at:], delimiter)[0]
             names = [cell.strip() for cell in next(csv.reader([lines[at]], delimiter=delimiter))]
             sound = not any(is_number(name) for name in names) and sum(map(bool, names)) >= 2
             if sound and (best is None or (alike, width) > best[:2]):
                 best = (alike, width, at, delimiter)
-    return (best[2], best[3]) if best else None
+    return (best[2], best[3]) if best else (begin, tried)
+
+
+class _Top:
+    """Lines of a table as cells; `counted` are its columns of numbers, by its last rows."""
+
+    def __init__(self, lines: Sequence[str], delimiter: str) -> None:
+        self.lines, self.delimiter = lines, delimiter
+        self.known: dict[int, list[str]] = {}
+        last = [self.row(i) for i in range(max(len(lines) - SOME, len(lines) // 2), len(lines))]
+        self.width = max(map(len, last), default=0)
+        self.counted = [c for c in range(self.width) if sum(_kind(cells, c) for cells in last) > 0]
+
+    def row(self, i: int) -> list[str]:
+        if i not in self.known:
+            self.known[i] = next(csv.reader([self.lines[i]], delimiter=self.delimiter), [])
+        return self.known[i]
+
+    def kinds(self, i: int) -> list[int]:
+        return [_kind(self.row(i), c) for c in self.counted]
+
+    def counts(self, i: int) -> bool:
+        """Whether a line holds more numbers than words in the columns of numbers."""
+        return sum(self.kinds(i)) > 0
+
+    def names(self, i: int) -> bool:
+        """Whether a line has a word for each of them."""
+        return all(kind < 0 for kind in self.kinds(i))
+
+    def filled_up(self, i: int) -> bool:
+        """Whether a line ends in empty cells, and has none before."""
+        cells = [bool(cell.strip()) for cell in self.row(i)]
+        there = max((at + 1 for at, cell in enumerate(cells) if cell), default=0)
+        return 0 < there <= self.counted[-1] and all(cells[:there])
+
+    def first(self) -> int:
+        """The line in which the numbers begin, 0 where they do not."""
+        count = len(self.lines)
+        for i in range(1, min(count, MAX_TOP)):
+            if all(self.counts(j) for j in range(i, min(i + BODY, count))):
+                while i > 1 and not any(_kind(self.row(i - 1), c) for c in range(self.width)):
+                    i -= 1  # a row of gaps
+                return i
+        return 0
+
+
+def _above_names(lines: Sequence[str], delimiter: str, offset: int = 0, units: str = "") -> tuple[int, str]:
+    """How many lines as wide as the table stand above its names, and what to say where they may but need not.
+
+    Numbers begin below the names, or below the units of these. What is above them is no row of names where it ends in
+    empty cells above columns of numbers, as a logger's lines do that are filled up with delimiters; or where units
+    show the names and a line above these names less. `offset`: of the first line, for what is said; units: `Asked`'s.
+    """
+    top = _Top(lines, delimiter)
+    if not top.counted or (top.names(0) and all(top.counts(i) for i in range(1, min(BODY, len(lines))))):
+        return 0, ""
+    first = top.first()
+    own = first > 1 and units != "0" and are_units(top.row(first - 1), top.row(first), len(top.row(first - 2)))
+    at = first - 1 - own
+    if at < 1:
+        return 0, ""
+    above = range(at)
+    sure = any(map(top.filled_up, above)) and not top.names(at - 1)  # of two lines of words one may be units in words
+    if top.names(at) and (sure or (own and not all(map(top.names, above)))):
+        return at, ""
+    if not own and top.names(first - 2) and max(top.kinds(first - 1)) < 1:
+        at, own = first - 2, True
+    if not top.names(at):
+        return 0, ""
+    said, has = f"--read names={offset + at + 1}", "names"
+    if own:
+        said, has = f"{said} --read units={offset + at + 2}", f"names and line {offset + at + 2} units"
+    begins = f"text above the numbers, which begin in line {offset + first + 1}"
+    return 0, f"{begins}: if line {offset + at + 1} holds the {has}, say {said}"
+
+
+def _kind(cells: Sequence[str], column: int) -> int:
+    """1 for a number or a time, -1 for a word, 0 for a gap."""
+    cell = cells[column].strip() if column < len(cells) else ""
+    if cell.lower() in GAPS:
+        return 0
+    return 1 if is_number(cell) or is_marked(cell) or is_time(cell) else -1
 
 
 def _check(path: Path, names: Sequence[str], line: int) -> None:
@@ -215,9 +288,12 @@ def are_units(row: Sequence[str], below: Sequence[str], count: int) -> bool:
     given = [i for i, cell in enumerate(row) if cell.strip()]
     if len(row) != count or not given or any(is_number(row[i]) for i in given):
         return False
-    if len(below) != count or not any(_is_marked(below[i]) for i in given):
+    formats = [i for i in given if is_clock_format(row[i].strip().strip("[]()"))]
+    if len(below) != count or not any(is_time(below[i]) if i in formats else is_marked(below[i]) for i in given):
         return False
     for i in given:
+        if i in formats:
+            continue
         try:
             units.check(_unit(row[i]))
         except ValueError:
@@ -227,6 +303,8 @@ def are_units(row: Sequence[str], below: Sequence[str], count: int) -> bool:
 
 def with_unit(name: str, cell: str, place: str) -> str:
     """A name with the unit below it. UserError, which begins with `place`, where the name has another one already."""
+    if is_clock_format(cell.strip().strip("[]()")):
+        return name
     own = re.search(r"[\[(]([^\])]*)[\])]\s*$", name)
     if own and cell.strip():
         if _unit(own[1]) != _unit(cell):
@@ -251,129 +329,3 @@ def distinct(names: Iterable[str]) -> tuple[list[str], str]:
             name = f"{plain} {number}{bracket}{unit}"
         found.append(name)
     return found, twice
-
-
-def _has_marks(cells: Sequence[str]) -> bool:
-    """Whether most of a column are numbers, of which one is more than digits; what is none is told by who needs it."""
-    told = [cell for cell in cells if cell.strip().lower() not in GAPS]
-    return any(not cell.strip().isdigit() for cell in told) and 2 * sum(map(_is_marked, told)) > len(told)
-
-
-def _is_marked(cell: str) -> bool:
-    """Whether a cell is a number with any marks; a date with points and a version are none."""
-    digits = _MARKED.fullmatch(cell.strip())
-    if digits is None:
-        return False
-    body = _SPACES.sub("", digits[2].strip())
-    marks = [c for c in body if c in ".,"]
-    if len(marks) < 2:
-        return re.search(r"[' \u00a0\u2009\u202f]", body) is None
-    whole, _, part = body.rpartition(marks[-1])
-    if len(set(marks)) == 2:
-        return part.isdigit() and _GROUPS.fullmatch(whole) is not None
-    return _GROUPS.fullmatch(body) is not None
-
-
-def plain_numbers(
-    columns: dict[str, list[str]], delimiter: str, file: str, first: int = 1, decimal_is: str = ""
-) -> tuple[dict[str, list[str]], list[str]]:
-    """The columns with their numbers as Python reads them, and what was assumed of their marks.
-
-    The decimal mark and that of thousands are one thing for the whole file; `decimal_is` (point, comma) says which
-    where it is known. A column with other text stays as it is.
-
-    Raises
-    ------
-    UserError : two decimal marks in one file, or numbers that may be read in two ways; names the line, counted from
-        that of the first row.
-    """
-    marked = [name for name, cells in columns.items() if _has_marks(cells)]
-    # mark -> the cells that prove it to be of that kind: (row, column, cell)
-    decimal: dict[str, list[Place]] = {}
-    thousands: dict[str, list[Place]] = {}
-    unsure: dict[str, list[Place]] = {}
-    for name in marked:
-        for row, cell in enumerate(columns[name]):
-            digits = _MARKED.fullmatch(cell.strip()) if _is_marked(cell) else None
-            body = _SPACES.sub("", digits[2].strip()) if digits else ""
-            marks = [c for c in body if c in ".,"]
-            if digits is None or not marks:
-                continue
-            place, last = (row, name, cell), marks[-1]
-            whole, _, part = body.rpartition(last)
-            if len(set(marks)) == 2:
-                decimal.setdefault(last, []).append(place)
-                thousands.setdefault("," if last == "." else ".", []).append(place)
-            elif len(marks) > 1:
-                thousands.setdefault(last, []).append(place)
-            elif len(part) != 3 or len(whole) > 3 or whole in ("", "0") or digits[3]:
-                decimal.setdefault(last, []).append(place)
-            else:
-                unsure.setdefault(last, []).append(place)
-    if decimal_is:
-        here, there = (".", ",") if decimal_is == "point" else (",", ".")
-        wrong = [*decimal.pop(there, []), *thousands.pop(here, [])]
-        if wrong:
-            row, name, cell = wrong[0]
-            raise UserError(
-                f"{file}:{row + first}: column {name}: found {shorten(cell)}, expected a decimal {decimal_is}"
-            )
-        decimal[here] = [*decimal.get(here, []), *unsure.pop(here, [])]
-        thousands[there] = [*thousands.get(there, []), *unsure.pop(there, [])]
-    for mark in decimal:
-        against = decimal.get("," if mark == "." else ".", []) or thousands.get(mark, [])
-        if against and len(decimal[mark]) <= len(against):
-            row, name, cell = decimal[mark][0]
-            _, other, example = next(one for one in against if one[2] != cell)
-            kind = "comma" if mark == "." else "point"
-            raise UserError(
-                f"{file}:{row + first}: column {name}: found {shorten(cell)}, expected a decimal {kind}, "
-                f"as in {shorten(example)} of {other}"
-            )
-    doubtful = _doubtful(decimal, thousands, unsure, delimiter)
-    if doubtful is not None:
-        row, name, cell = doubtful
-        point, none = cell.strip().replace(",", "."), re.sub("[.,]", "", cell.strip())
-        what = f"{file}:{row + first}: column {name}: found {shorten(cell)}, which is {point} or {none}"
-        raise Ambiguous(f"{what}; expected a decimal point, or no mark of thousands", "decimal", ("point", "comma"))
-    point = next(iter(decimal), "") or ("," if "," in unsure and "," not in thousands else ".")
-    group = "," if point == "." else "."
-    commas = (decimal.get(",") or unsure.get(",", []))[:1]
-    notes = [f"decimal comma ({shorten(commas[0][2])})"] if point == "," and commas else []
-    grouped = thousands.get(group) or unsure.get(group)
-    if grouped:
-        notes.append(f"{group} parts thousands ({shorten(grouped[0][2])})")
-    found = dict(columns)
-    for name in marked:
-        found[name] = [_plain(cell, point, group) for cell in columns[name]]
-    return found, notes
-
-
-def _doubtful(
-    decimal: dict[str, list[Place]], thousands: dict[str, list[Place]], unsure: dict[str, list[Place]], delimiter: str
-) -> Place | None:
-    """A cell like 1,302 that nothing in the file settles, or that is unlike the others of its column."""
-    for mark, places in unsure.items():
-        other = "." if mark == "," else ","
-        if not decimal and not thousands and (mark == "," or delimiter == ";"):
-            return places[0]
-        of_column, grouped = (Counter(n for _, n, _ in one) for one in (places, thousands.get(mark, [])))
-        shown, largest = Counter(n for _, n, _ in decimal.get(other, [])), dict[str, float]()
-        for _, name, cell in decimal.get(other, []):
-            if name in of_column:
-                largest[name] = max(largest.get(name, 0.0), abs(float(_plain(cell, other, mark))))
-        for row, name, cell in places:
-            few = FEW * shown[name] > of_column[name]
-            if shown[name] and (
-                not grouped[name] or few or abs(float(_plain(cell, other, mark))) > LEAP * largest[name]
-            ):
-                return row, name, cell
-    return None
-
-
-def _plain(cell: str, point: str, group: str) -> str:
-    digits = _MARKED.fullmatch(cell.strip()) if _is_marked(cell) else None
-    if digits is None:
-        return cell
-    body = _SPACES.sub("", digits[2]).replace(group, "").replace(point, ".")
-    return f"{digits[1]}{body}" + (f"e{digits[3]}" if digits[3] else "")

@@ -12,8 +12,9 @@ import numpy as np
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.csv_layout import are_units, distinct, is_number, plain_numbers, with_unit
+from terrapin_tools.workbench.files.csv_layout import are_units, distinct, with_unit
 from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, Part, cells
+from terrapin_tools.workbench.files.number_marks import is_number, plain_numbers
 
 __all__ = ["Merged", "Row", "part_of_grid"]
 

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.csv_layout import GAPS
 from terrapin_tools.workbench.files.format import Asked, Column
+from terrapin_tools.workbench.files.number_marks import GAPS
 
 __all__ = ["TIMES", "clock_column", "restarts", "split"]
 

@@ -19,9 +19,9 @@ from terrapin_tools.bounded import refuse_beyond, refuse_columns
 from terrapin_tools.errors import UserError, printable
 from terrapin_tools.extras import need
 from terrapin_tools.logs.reading import is_log
-from terrapin_tools.workbench.files.csv_layout import GAPS
 from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, Part, cells, named
 from terrapin_tools.workbench.files.formats import PACKED, SUFFIXES, format_of
+from terrapin_tools.workbench.files.number_marks import GAPS
 from terrapin_tools.workbench.files.packed import unpacked
 from terrapin_tools.workbench.files.split_runs import split
 from terrapin_tools.workbench.files.times import switched, timed

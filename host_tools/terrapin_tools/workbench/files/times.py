@@ -18,10 +18,10 @@ import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.csv_layout import GAPS
-from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column
+from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, parted
+from terrapin_tools.workbench.files.number_marks import GAPS
 
-__all__ = ["has_times", "switched", "timed"]
+__all__ = ["clock_name", "has_times", "is_clock_format", "is_time", "switched", "timed"]
 
 HALF_DAY, DAY = 43200.0, 86400.0
 MANY = 10_000  # rows
@@ -38,6 +38,12 @@ _MOMENT = re.compile(
     r"(?:[T ]\s*|,\s*|^|$)"
     r"(?:(?P<clock>\d{1,4}:\d\d(?::\d\d)?(?:[.,]\d{1,9})?)\s*(?P<half>[AaPp]\.?[Mm]\.?)?)?"
     r"\s*(?P<zone>Z|[A-Za-z]{3,4}|(?:UTC|GMT)?[+-]\d\d(?::?\d\d)?)?"
+)
+# How a clock or a date is written, in place of its unit: hh:mm:ss.mmm, TT.MM.JJJJ hh:mm.
+_FORMAT = re.compile(
+    r"(?:(?:[dt]{1,2}|m{1,3}|[yj]{2,4})(?:[-/.](?:[dt]{1,2}|m{1,3}|[yj]{2,4})){2})?[t ]?"
+    r"(?:(?:h{1,2}:)?m{1,2}:s{1,2}(?:[.,:][a-z0]{1,9})?|h{1,2}:m{1,2})?",
+    re.IGNORECASE,
 )
 
 
@@ -66,7 +72,7 @@ def timed(
             continue
         plain = _iso(column)
         if plain is not None:
-            found[f"{name} [s]"] = plain
+            found[_free(name, columns)] = plain
             notes.append(f"{name} as time: [s] since {column[0]}")
             continue
         read = _moments(column)
@@ -95,7 +101,7 @@ def timed(
         first = int(np.flatnonzero(~np.isnan(seconds))[0])
         also = f" and {dates[0]}" if beside else ""
         told.insert(0, f"{name}{also} as time: [s] since {columns[name][first]}")
-        found[f"{name} [s]"] = seconds - seconds[first]
+        found[_free(name, columns)] = seconds - seconds[first]
         notes.append(", ".join(told))
     for name in dates:
         read = moments[name]
@@ -103,9 +109,42 @@ def timed(
             continue  # of a clock beside it, or to name groups by
         days = np.array([np.nan if m is None or m.day is None else DAY * m.day for m in read])
         if (np.diff(days) > 0).all():
-            found[f"{name} [s]"] = days - days[0]
+            found[_free(name, columns)] = days - days[0]
             notes.append(f"{name} as time: [s] since {columns[name][0]}")
     return found, notes
+
+
+def is_clock_format(text: str) -> bool:
+    """Whether a text says how times are written.
+
+    >>> is_clock_format("hh:mm:ss.mmm"), is_clock_format("TT.MM.JJJJ"), is_clock_format("mm"), is_clock_format("")
+    (True, True, False, False)
+    """
+    return len(text) > 2 and _FORMAT.fullmatch(text.strip()) is not None
+
+
+def is_time(cell: str) -> bool:
+    """Whether a cell is a date or a clock time."""
+    return _moment(cell) is not None
+
+
+def clock_name(column: str) -> str:
+    """What the seconds beside a column of times are called.
+
+    >>> clock_name("Zeit"), clock_name("Zeit [hh:mm:ss.mmm]")
+    ('Zeit [s]', 'Zeit [s]')
+    """
+    bare, unit = parted(column)
+    return f"{bare if is_clock_format(unit) else column} [s]"
+
+
+def _free(column: str, columns: Mapping[str, Column]) -> str:
+    """`clock_name`, numbered where the file has such a column itself."""
+    name, number = clock_name(column), 1
+    while name in columns:
+        number += 1
+        name = f"{clock_name(column).removesuffix(' [s]')} {number} [s]"
+    return name
 
 
 def has_times(columns: Mapping[str, Column]) -> bool:

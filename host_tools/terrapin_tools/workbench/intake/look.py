@@ -82,7 +82,7 @@ def _of_table(table: Table) -> dict[str, Any]:
             numbers[name] = table.numbers(name, gaps=True)
         except UserError:
             text.append(name)
-    time = next((guess.column for guess in guess_columns(list(numbers)) if guess.name == "time"), None)
+    time = next((guess.column for guess in guess_columns(list(numbers), text) if guess.name == "time"), None)
     run, by = _runs(table, numbers.get(time) if time else None)
     columns = []
     for name in table.columns:

@@ -57,7 +57,7 @@ def _recording(path: Path, dbc: Path | None, clock: str, match: str) -> _Recordi
             numbers[name] = table.numbers(name, gaps=True)
         except UserError:
             text[name] = table.columns[name]
-    clock = clock or next((guess.column for guess in guess_columns(list(numbers)) if guess.name == "time"), "")
+    clock = clock or next((guess.column for guess in guess_columns(list(numbers), text) if guess.name == "time"), "")
     for what, name in (("--time", clock), ("--match", match)):
         if name not in numbers:
             raise UserError(f"{path.name}: {what}: found {name!r}, expected one of {', '.join(numbers)}")

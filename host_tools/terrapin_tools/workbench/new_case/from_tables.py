@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
@@ -23,6 +23,7 @@ from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.split_runs import TIMES
 from terrapin_tools.workbench.files.tables import Table
+from terrapin_tools.workbench.files.times import clock_name
 from terrapin_tools.workbench.files.writing import write_new
 from terrapin_tools.workbench.new_case.offers import offers, suiting
 from terrapin_tools.workbench.new_case.offers import told as told_offers
@@ -78,6 +79,7 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
 }
 OTHERWISE = {"torque": "drive_torque"}  # what a channel of that kind is beside other columns: a car's wheels
 PLAIN = Asked()
+CLOCK = 1000  # score of the seconds beside a column of times: above that of any name
 NAMED = 3  # columns with text between numbers whose first text is told
 RUN_WORDS = ("run", "test", "trial", "experiment", "series", "id", "versuch", "lauf", "messung", "essai")
 
@@ -139,11 +141,17 @@ def _score(name: str, unit: str, target: str) -> int:
     return 10 * len(hits) + max(hits) + (100 if unit else 0) if hits else 0
 
 
-def guess_columns(names: Sequence[str]) -> list[Guess]:
-    """What each numeric column may be; each role and channel is given to the column that fits it best."""
+def guess_columns(names: Sequence[str], texts: Collection[str] = ()) -> list[Guess]:
+    """What each numeric column may be; each role and channel is given to the column that fits it best. The seconds
+    beside one of the columns of text are a time, whatever they are called."""
     parts = {column: split_unit(column) for column in names}
+    clocks = {clock_name(text) for text in texts}
     scored = sorted(
-        ((_score(*parts[column], target), column, target) for column in names for target in WORDS),
+        (
+            (CLOCK if target == "time" and column in clocks else _score(*parts[column], target), column, target)
+            for column in names
+            for target in WORDS
+        ),
         key=lambda entry: -entry[0],
     )
     given: dict[str, str] = {}
@@ -290,8 +298,10 @@ def _gathered(
     numeric = [name for name, why in wrong.items() if not why]
     if not numeric:
         why = next(iter(wrong.values()), f"only {run}, which names the run")
-        raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one")
-    guesses = _settled(_pinned(guess_columns(numeric), columns), columns, told, ask, chosen)
+        hint = next((f"; {note}" for note in tables[0].notes if "--read" in note), "")  # of _above_names
+        raise UserError(f"{files[0]}: found no column of numbers ({why}), expected at least one{hint}")
+    texts = [name for name, why in wrong.items() if why]
+    guesses = _settled(_pinned(guess_columns(numeric, texts), columns), columns, told, ask, chosen)
     text = [name for name in wrong if name not in numeric and not _is_time(name, common)]
     groups = guess_groups(tables, run, text)
     return _Gathered(tables, asked, run, runs, others, wrong, guesses, text, groups)
@@ -412,7 +422,7 @@ def _has_numbers(table: Table, name: str) -> bool:
 
 def _is_time(name: str, names: Sequence[str]) -> bool:
     """Whether a column of text stands as seconds beside itself."""
-    return f"{name} [s]" in names
+    return clock_name(name) in names
 
 
 def guess_run(names: Sequence[str]) -> str | None:
