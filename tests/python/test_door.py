@@ -198,6 +198,23 @@ def test_prediction_knows_its_sd(case: terrapin.Case, answer: terrapin.Answer) -
     assert with_all["M"].to_numpy() == pytest.approx(10.0 + 0.02 * bench()["w"].head(3), abs=0.1)
 
 
+def test_a_parameter_has_its_bounds(case: terrapin.Case, answer: terrapin.Answer) -> None:
+    """Those that the case states, and those of an effect; open sides have none."""
+    found = answer.parameters
+    assert [(found[name].min, found[name].max, found[name].unit) for name in "ab"] == [
+        (0.0, 1.0, "N m"),
+        (-1.0, 1.0, "N m s/rad"),
+    ]
+    mine = terrapin.Effect("mine", "k*temp", "M", k=(0.0, -2.0, 3.0, "mN m/K"))
+    with_mine = case.add(mine).compare()
+    assert (with_mine.parameters["mine.k"].min, with_mine.parameters["mine.k"].max) == (-2.0, 3.0)
+    assert with_mine.as_dict()["parameters"]["mine.k"]["max"] == 3.0
+    open_ended = terrapin.Case.from_table(
+        bench(), run="run", units=UNITS, equation={"M": "a + b*w"}, fit={"a": 0.01, "b": 0.0}
+    )
+    assert {(one.min, one.max) for one in open_ended.compare().parameters.values()} == {(None, None)}
+
+
 def test_a_picture_on_axes_of_ones_own(case: terrapin.Case) -> None:
     axes = matplotlib.figure.Figure().subplots(1, 3)
     for ax, kind in zip(axes, ("residual", "prediction", "ladder"), strict=True):

@@ -79,7 +79,8 @@ class Answer:
 
     @property
     def parameters(self) -> Mapping[str, Value]:
-        """Fitted parameters by name: `value`, `sd` and bounds in `unit`."""
+        """Fitted parameters by name: `value`, `sd` and the bounds `min` and `max` in `unit`, None where there is none;
+        `at_bound`: it ended at one."""
         return self._story.parameters
 
     @property

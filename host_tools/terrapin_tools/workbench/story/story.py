@@ -43,7 +43,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Value:
-    """A fitted parameter in `unit`; `sd` is None where the fit gives none. Bounds are those of an expression's."""
+    """A fitted parameter in `unit`; `sd` is None where the fit gives none, a bound where there is none."""
 
     value: float
     sd: float | None

@@ -242,11 +242,16 @@ def _rungs(ladder: Sequence[comparison.Rung]) -> tuple[Rung, ...]:
 
 
 def _values(fit: Fit, sd: npt.NDArray[np.float64]) -> dict[str, Value]:
-    """Every fitted parameter by its key."""
+    """Every fitted parameter by its key, with the bounds that case or effect state."""
     return {
-        one.key: Value(float(value), float(s), one.unit or "1", at_bound=one.key in fit.at_bound)
+        one.key: Value(float(value), float(s), one.unit or "1", *_bounds(one.lower, one.upper), one.key in fit.at_bound)
         for one, value, s in zip(fit.model.fitted, fit.theta, sd, strict=True)
     }
+
+
+def _bounds(low: float, high: float) -> tuple[float | None, float | None]:
+    """None where there is none."""
+    return low if np.isfinite(low) else None, high if np.isfinite(high) else None
 
 
 def _channels(analysis: Analysis, sigmas: npt.NDArray[np.float64]) -> dict[str, Channel]:
@@ -289,11 +294,8 @@ def _proposal(candidate: Candidate) -> Proposal:
     effect, count = candidate.effect, len(candidate.fit.theta) - len(candidate.effect.parameters)
     parameters = {}
     for i, one in enumerate(effect.parameters, count):
-        low, high = (
-            b if candidate.kind == "expression" and np.isfinite(b) else None for b in (one.minimum, one.maximum)
-        )
         value, sd = float(candidate.fit.theta[i]), float(candidate.sd[i])
-        parameters[one.name] = Value(value, sd, one.unit or "1", low, high)
+        parameters[one.name] = Value(value, sd, one.unit or "1", *_bounds(one.minimum, one.maximum))
     if constants.named(effect.name):
         parameters = _constant(candidate.fit, effect.name, float(candidate.sd[count]))
     mend = effect.mend if isinstance(effect, Fault) else None
