@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from terrapin_tools.batch.design import Row, design, read_seeds, read_varied
 from terrapin_tools.batch.one_run import Plan, work
 from terrapin_tools.batch.summary import classes, summarise
 from terrapin_tools.batch.table import Table
+from terrapin_tools.commands.batch import batch
 from terrapin_tools.errors import UserError
 from tests.waiting import BOUND, wait_for
 
@@ -248,6 +250,35 @@ def test_until_fail_ends_with_the_first_that_fails(
         assert passed[-1] is False
         assert all(passed[:-1])
     assert found[1] == found[3]
+
+
+def test_the_examples_of_the_help_say_something(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Values around those of the scenario: some runs hold its checks and some do not, so that something decides."""
+    many, hunt = re.findall(r"terrapin batch (.+? --out) out/", " ".join(str(batch.__doc__).split()))
+    assert "--seeds 1:1000 " in many
+    assert terrapin(capsys, "batch", *many.replace("1:1000", "1:40").split(), tmp_path / "many")[0] == 1
+    assert 8 <= sum(table(tmp_path / "many")["passed"]) <= 32
+    assert terrapin(capsys, "batch", *hunt.split(), tmp_path / "hunt")[0] == 1
+    assert len(table(tmp_path / "hunt")["passed"]) > 1
+
+
+def test_a_number_without_value_says_why(tmp_path: Path, capsys: pytest.CaptureFixture[str], scenario: Path) -> None:
+    out = tmp_path / "batch"
+    metrics = ["max(slip[0.2:]) - max(slip[3:])", "max(NODE_STATUS.node)", "max(slip[0.2:0.5])"]
+    options = [word for text in metrics for word in ("--metric", text)]
+    _, words, _ = terrapin(capsys, "batch", scenario, "--seeds", "1:3", *options, "--out", out, "--jobs", 1)
+    late, silent = "slip[3:] begins after their end at 1 s", "what it is of did not come, or not within its time window"
+    assert f"  no value in 3 runs: {metrics[0]}: {late}\n" in words
+    assert f"  no value in 3 runs: {metrics[1]}: {silent}\n" in words
+    summary = json.loads((out / "summary.json").read_text())
+    assert summary["why_missing"] == {metrics[0]: late, metrics[1]: silent} | (
+        {"contact_error": "the controller called no C_t valid"} if summary["missing"]["contact_error"] else {}
+    )
+    assert late in (out / "report.html").read_text()
+    some = a_table({}, np.array([True, False]), {"max(slip)": np.array([1.0, np.nan])})
+    assert summarise(replace(some, error=["", "it runs away"])).why_missing == {
+        "max(slip)": "they could not be run to the end"
+    }
 
 
 def test_the_file_as_it_stands_is_a_batch_of_one(

@@ -122,6 +122,16 @@ class Check:
             raise CheckError(f"{self.text!r} is a signal, not a number; put max() or another reduction around it")
         return float(value)
 
+    def beyond(self, end: float) -> str:
+        """The first time window that begins after `end` [s], where no run of that length has a value; "" for none.
+
+        >>> parse_number("max(slip[:5]) - max(slip[50:])").beyond(25.0)
+        'slip[50:]'
+        """
+        run = _Run(np.zeros(0), {}, {})
+        windows = [node for node in ast.walk(self.tree) if isinstance(node, ast.Subscript)]
+        return next((ast.unparse(one) for one in windows if run.bounds(one)[0] > end), "")
+
     def require(self, signals: Iterable[str], enums: Mapping[str, Mapping[str, int]]) -> None:
         """CheckError unless a run with these signals can be held against the check: found out before the run."""
         self.evaluate(np.zeros(2), dict.fromkeys(signals, np.zeros(2)), enums)
@@ -182,10 +192,14 @@ class _Run:
         return self.signals[name]
 
     def _window(self, node: ast.Subscript) -> Array:
-        assert isinstance(node.slice, ast.Slice)
-        low, high = self._second(node.slice.lower, -np.inf), self._second(node.slice.upper, np.inf)
+        low, high = self.bounds(node)
         inside = (self.time >= low) & (self.time <= high)
         return np.where(inside, np.asarray(self.value(node.value), dtype=float), np.nan)
+
+    def bounds(self, node: ast.Subscript) -> tuple[float, float]:
+        """Of a time window [s]."""
+        assert isinstance(node.slice, ast.Slice)
+        return self._second(node.slice.lower, -np.inf), self._second(node.slice.upper, np.inf)
 
     def _second(self, node: ast.expr | None, absent: float) -> float:
         value = absent if node is None else self.value(node)

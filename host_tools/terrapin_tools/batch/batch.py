@@ -89,7 +89,8 @@ def carry_out(
         finally:
             shown.end(complete)
         table = table_of(rows, answers, varied)
-        summary = summarise(table)
+        same = all(one.name != "duration" for one in varied)
+        summary = summarise(table, scenario.duration if same else None)
         failed = [(rows[answer.number], answer) for answer in answers if not answer.passed]
         commands = [repeat_command(order.scenario, row) for row, _ in failed]
         try:

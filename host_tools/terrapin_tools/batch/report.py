@@ -46,7 +46,8 @@ alone; bars: share that fails, with 95 % limits</span></h2>
 </tr></thead><tbody>{% for text, values in summary.quantiles.items() %}<tr><th colspan="{{ quantiles|length + 2 }}"
 scope="rowgroup"><code>{{ text }}</code>
 {%- if units.get(text) %} <span class="soft">{{ units[text] }}</span>{% endif %}
-{%- if summary.missing[text] %} <span class="warn">no value in {{ summary.missing[text] }} runs</span>{% endif %}</th>
+{%- if summary.missing[text] %} <span class="warn">no value in {{ summary.missing[text] }} runs:
+{{ summary.why_missing[text] }}</span>{% endif %}</th>
 </tr><tr>
 {%- for value in values %}<td class="n">{{ "-" if value is none else "%.4g"|format(value) }}</td>{% endfor %}
 <td>{{ histograms[text]|safe }}</td><td>{{ decided[text] }}</td></tr>{% endfor %}</tbody></table></section>

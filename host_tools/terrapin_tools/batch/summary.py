@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index
+from terrapin_hil.scenario.checks import parse_number
+from terrapin_tools.batch.one_run import CONTACT_ERROR
 from terrapin_tools.batch.table import Table
 
 __all__ = ["QUANTILES", "Class", "Summary", "classes", "share_limits", "summarise"]
@@ -49,6 +51,7 @@ class Summary:
     checks: Mapping[str, int]  # text -> runs in which it did not hold
     quantiles: Mapping[str, list[float | None]]
     missing: Mapping[str, int]  # runs in which the number had no value
+    why_missing: Mapping[str, str]  # of those, in words
     decides: Mapping[str, Mapping[str, float]]
     classes: Mapping[str, list[Class]]
 
@@ -107,9 +110,25 @@ def _ratio(index: Index, values: Array) -> float:
     return max(0.0, 1.0 - within / total * free)
 
 
-def summarise(table: Table) -> Summary:
-    """The summary of a table with at least one run."""
+def _why_missing(text: str, values: Array, table: Table, duration: float | None) -> str:
+    """Why a number has no value in some runs, "" where all have one."""
+    gone = np.isnan(values)
+    if not gone.any():
+        return ""
+    if all(error for error, none in zip(table.error, gone, strict=True) if none):
+        return "they could not be run to the end"
+    if text == CONTACT_ERROR:
+        return "the controller called no C_t valid"
+    late = parse_number(text).beyond(duration) if duration is not None else ""
+    if late:
+        return f"{late} begins after their end at {duration:g} s"
+    return "what it is of did not come, or not within its time window"
+
+
+def summarise(table: Table, duration: float | None = None) -> Summary:
+    """The summary of a table with at least one run; `duration` [s] of the runs, where all last as long."""
     failed = ~table.passed
+    why = {text: _why_missing(text, values, table, duration) for text, values in table.numbers.items()}
     found = {name: classes(values) for name, values in table.inputs.items()}
     outcomes: dict[str, Array] = {"failed": failed.astype(np.float64), **table.numbers}
     ratios = {
@@ -129,6 +148,7 @@ def summarise(table: Table) -> Summary:
         {text: sum(value is False for value in held) for text, held in table.checks.items()},
         {text: _quantiles(values) for text, values in table.numbers.items()},
         {text: int(np.isnan(values).sum()) for text, values in table.numbers.items()},
+        {text: said for text, said in why.items() if said},
         {what: {name: of[name] for name in order} for what, of in ratios.items()},
         split,
     )

@@ -56,6 +56,7 @@ def words(summary: Summary, head: str, commands: list[str], folder: str) -> str:
     for text, values in summary.quantiles.items():
         shown = "".join("           -" if v is None else f"{v:12.4g}" for v in values)
         lines.append(f"  {text:{width}}{shown}")
+    lines += [f"  no value in {summary.missing[text]} runs: {text}: {why}" for text, why in summary.why_missing.items()]
     if summary.failed and summary.classes and all(len(one) in (1, summary.runs) for one in summary.classes.values()):
         lines.append("  too few runs to say what decides whether it fails")
     elif summary.failed and summary.decides["failed"]:

@@ -21,7 +21,8 @@ def batch(
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUES",
-            help="a field and its values: LOW:HIGH, LOW:HIGH:STEPS or a,b,c; path.1.slope=0deg:14deg; may be repeated",
+            help="a field and its values: LOW:HIGH, LOW:HIGH:STEPS or a,b,c; path.2.slope=12deg:16deg; SI without "
+            "a unit; may be repeated",
         ),
     ] = None,
     design: Annotated[
@@ -43,9 +44,10 @@ def batch(
 ) -> int:
     """Run a scenario many times, with other seeds and other values of anything in it.
 
-    Examples: terrapin batch slope_limiter --seeds 1:1000 --vary path.2.slope=0deg:14deg --out out/slopes
+    Examples: terrapin batch slope_limiter --seeds 1:1000 --vary path.2.slope=12deg:16deg --out out/slopes
 
-    terrapin batch soft_sand --seeds 1:100000 --vary robot.coulomb=5:20:4 --until FAIL --out out/hunt
+    terrapin batch slope_limiter --vary path.2.slope=12deg:16deg --vary robot.coulomb=6e-3:24e-3 --until FAIL
+    --out out/hunt
 
     The folder gets runs.parquet (one row a run), summary.json, report.html and failed.sh (a command for each failed
     run). Ctrl-C stops it, and the same command goes on. Exit status: 0 when every run passed, 1 when one failed.
