@@ -97,8 +97,19 @@ class Robot:
 
     @property
     def free_speed(self) -> float:
-        """Of the drive wheel at the supply's voltage and no load [rad/s]."""
+        """Of the drive wheel at the supply's voltage, without load and friction: its bound [rad/s]."""
         return self.supply / self.plant["torque_constant"]
+
+    @property
+    def idle_speed(self) -> float:
+        """Of the drive wheel at the supply's voltage, the shell turning free with the robot's friction: as a data sheet
+        says the speed without load [rad/s]."""
+        plant, gear = self.plant, self.wheel_gear
+        eta, ampere = plant["gear_efficiency"], gear * plant["torque_constant"]  # [N m/A] at the shell
+        dry = plant["coulomb"] / eta + plant["motor_coulomb"]
+        viscous = plant["viscous"] / eta + plant["motor_viscous"]
+        volts = self.supply - plant["armature_resistance"] / ampere * dry
+        return max(0.0, gear * volts / (ampere + plant["armature_resistance"] / ampere * viscous))
 
     @property
     def jump(self) -> int:

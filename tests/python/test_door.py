@@ -11,6 +11,7 @@ import pickle
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +24,7 @@ import pytest
 import terrapin_tools as terrapin
 from terrapin_hil import paths
 from terrapin_tools import _HOMES
+from terrapin_tools.workbench.story import sentences
 
 ROOT = Path(__file__).resolve().parents[2]
 FIT = {"a": (0.01, 0.0, 1.0, "N m"), "b": (1e-4, -1.0, 1.0, "N m s/rad")}
@@ -222,6 +224,22 @@ def test_a_picture_on_axes_of_ones_own(case: terrapin.Case) -> None:
         assert ax.lines
 
 
+def test_a_legend_names_all_that_is_drawn_and_the_model_hides_no_measurement(case: terrapin.Case) -> None:
+    """The model agrees with most rows here: points of its own, drawn last, would leave nothing of those."""
+    shown = {
+        "residual": ["noise, 95 %", "training", "held out"],
+        "prediction": ["model", "training", "held out"],
+        "ladder": ["training", "held out", "noise sd"],
+    }
+    for kind, expected in shown.items():
+        (axes,) = case.plot(kind).axes
+        assert [text.get_text() for text in axes.get_legend().get_texts()] == expected
+        assert axes.get_legend().get_window_extent().y0 >= axes.get_window_extent().y1 - 1.0
+    model, training, held = case.plot("prediction").axes[0].lines
+    assert model.get_markersize() > held.get_markersize() > training.get_markersize()
+    assert [line.get_label() for line in (model, training, held)] == shown["prediction"]
+
+
 def test_the_card(case: terrapin.Case, answer: terrapin.Answer) -> None:
     from rich.console import Console
 
@@ -236,6 +254,15 @@ def test_the_card(case: terrapin.Case, answer: terrapin.Answer) -> None:
     title = "<script>alert(1)</script>"
     hostile = terrapin.Case.from_table(bench(), run="run", units=UNITS, equation={"M": "a + b*w"}, fit=FIT, title=title)
     assert "<script" not in hostile.compare()._repr_html_()
+
+
+def test_nothing_takes_away_only_all_of_the_misfit(answer: terrapin.Answer) -> None:
+    """Of one that is not named the share speaks for itself, be it 40 % or 100 %."""
+    story = answer._story
+    one = replace(story.cards[0].proposal, effect="other", explains=0.998, noise_ratio=1.6)
+    said = sentences.reason(story.found, one, "")
+    assert said == "Takes away 100 % of the misfit and leaves 1.60 noise sd on held-out runs."
+    assert "has probability 0.97" in sentences.strange_noise(0.97)
 
 
 def test_what_comes_next_is_a_call(case: terrapin.Case, answer: terrapin.Answer, tmp_path: Path) -> None:

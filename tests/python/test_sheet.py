@@ -148,6 +148,22 @@ def test_the_gear_has_its_loss_and_the_motor_its_current_without_load(name: str)
     assert friction / (ampere * motor.efficiency) == pytest.approx(motor.no_load_current, rel=1e-3)
 
 
+@pytest.mark.parametrize("name", ["pololu_37d_30", "pololu_37d_19", "maxon_ec45_flat_30", "maxon_re40"])
+def test_a_robots_speed_without_load_is_the_sheets(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """The speed of the motor without friction is above it, and is told as such. Sheets that name several figures agree
+    within some percent."""
+    drive = DRIVES[name]
+    figures = read({**drive.robot, **drive.sheet})
+    robot = read_robot(robot_text(name, figures), Path(f"{name}.toml"))
+    behind = 1.0 if figures["at"] == "output" else float(figures["gear"])
+    exact = "kv" not in figures and "torque_constant" not in figures
+    sheet = float(figures["no_load_speed"]) / behind
+    assert robot.idle_speed == pytest.approx(sheet, rel=1e-3 if exact else 0.04)
+    assert robot.idle_speed < robot.free_speed
+    command.show("roller")
+    assert "77.01 rad/s without load (79.01 without friction)" in capsys.readouterr().out
+
+
 def test_the_command_writes_a_file_or_nothing(tmp_path: Path) -> None:
     file = tmp_path / "mine.toml"
     words = ["new", str(file), "--from-sheet", *DRIVES["pololu_37d_30"].words]

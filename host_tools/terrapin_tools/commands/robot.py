@@ -62,7 +62,7 @@ def show(name: Named) -> None:
         ("drive", f"K_t = {plant['torque_constant']:.5g} N m/A, R_e = {plant['armature_resistance']:g} ohm, "
                   f"{robot.counts} counts a turn"
                   f"{f' (1 of {robot.encoder_divider} of the encoder)' if robot.encoder_divider > 1 else ''}, "
-                  f"{robot.free_speed:.4g} rad/s without load{lossy}"),
+                  f"{robot.idle_speed:.4g} rad/s without load ({robot.free_speed:.4g} without friction){lossy}"),
         ("friction", f"A = {plant['coulomb']:g} N m, B = {plant['viscous']:g} N m s/rad"
                      f"{before if plant['motor_coulomb'] or plant['motor_viscous'] else ''}"),
         ("shell", f"{reach:.3g} N m at {robot.limits['current']:g} A; C_t up to {full['torque']:g} N m "

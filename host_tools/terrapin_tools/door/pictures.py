@@ -35,7 +35,9 @@ def drawn(analysis: Analysis, story: Story, kind: str, against: str, channel: st
         return ax
     with rc_context(STYLE):
         figure = Figure(figsize=(6.4, 4.0), layout="constrained")
-        KINDS[kind](analysis, story, against, channel, figure.subplots())
+        axes = figure.subplots()
+        KINDS[kind](analysis, story, against, channel, axes)
+        axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4)  # above: it hides no point
     return figure
 
 
@@ -65,7 +67,7 @@ def _residual(analysis: Analysis, story: Story, against: str, channel: str, ax: 
     label, x = _column(analysis, against)
     row, unit = analysis.model.channels.index(channel), analysis.case.units[channel]
     sigma = float(analysis.told.sigma[row])
-    ax.axhspan(-BAND * sigma, BAND * sigma, color=TEAL, alpha=0.14, lw=0)
+    ax.axhspan(-BAND * sigma, BAND * sigma, color=TEAL, alpha=0.14, lw=0, label="noise, 95 %")
     ax.axhline(0.0, color=BLUE, lw=1)
     _points(analysis, x, analysis.residual[row], ax)
     ax.set_xlabel(label)
@@ -77,9 +79,9 @@ def _prediction(analysis: Analysis, story: Story, against: str, channel: str, ax
     """Measured and predicted values."""
     label, x = _column(analysis, against)
     row, unit = analysis.model.channels.index(channel), analysis.case.units[channel]
+    # wide and pale, below the measurements: neither hides the other
+    ax.plot(x, analysis.prediction[row], "o", color=BLUE, alpha=0.35, ms=6, mew=0, label="model")
     _points(analysis, x, analysis.prediction[row] + analysis.residual[row], ax)
-    order = np.argsort(x, kind="stable")
-    ax.plot(x[order], analysis.prediction[row][order], ".", color=BLUE, ms=3, label="model")
     ax.set_xlabel(label)
     ax.set_ylabel(_label(channel, unit))
     ax.legend()
@@ -91,7 +93,7 @@ def _ladder(analysis: Analysis, story: Story, against: str, channel: str, ax: An
     ax.plot(names, [rung.train_error for rung in story.ladder], "o-", color=MUTE, label="training")
     held = [np.nan if rung.heldout_error is None else rung.heldout_error for rung in story.ladder]
     ax.plot(names, held, "D-", color=BLUE, label="held out")
-    ax.axhline(1.0, color=TEAL, lw=1)
+    ax.axhline(1.0, color=TEAL, lw=1, label="noise floor" if story.noise.floor else "noise sd")
     ax.set_ylim(bottom=0.0)
     ax.set_ylabel("error [noise sd]")
     ax.legend()

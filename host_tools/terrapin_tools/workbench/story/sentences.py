@@ -441,7 +441,7 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
     if one.noise_ratio is not None and one.noise_ratio < NEAR_FLOOR:
         near = in_sd(one.noise_ratio)
         return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."
-    return f"Takes away only {share}{left}."
+    return f"Takes away {share}{left}."
 
 
 def goal(one: Goal) -> str:
@@ -484,7 +484,7 @@ def doubtful(effect: str, parameter: str, times: float) -> str:
 
 def strange_noise(probability: float | None) -> str:
     """Why a model that passed is not called adequate although nothing else is likelier; what discover adds to it."""
-    sure = "" if probability is None else f" That nothing is missing has only probability {chance(probability)}."
+    sure = "" if probability is None else f" That nothing is missing has probability {chance(probability)}."
     look = "a sensor that sticks or has lost its sign looks so, and a sd that is stated wrong"
     return f"It depends on nothing that was looked at. Look at the residual: {look}.{sure}"
 
