@@ -15,12 +15,12 @@ from terrapin_hil import reading
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case import changes
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.files import format, units
+from terrapin_tools.workbench.files import format, times, units
 from terrapin_tools.workbench.story import notes
 
 
 def test_docstring_examples() -> None:
-    for module in (reading, format, units, changes, notes):
+    for module in (reading, format, times, units, changes, notes):
         assert doctest.testmod(module).failed == 0
 
 

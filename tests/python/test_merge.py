@@ -148,7 +148,7 @@ def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str
     rig, drive, _ = files(tmp_path)
     words = ["case", "merge", rig, drive, "--to", tmp_path / "x.csv"]
     for more, expected in (
-        (["--match", "speed=w"], ["rig.csv: --match: found 'speed'", "speed [rad/s]"]),
+        (["--match", "velocity=w"], ["rig.csv: --match: found 'velocity'", "speed [rad/s]"]),
         (["--match", "force [N]=current [A]"], ["cannot be told from force [N] and current [A]"]),
         (["--match", "speed [rad/s]=w", "--hold", "force [N]"], ["drive.csv: --hold: found 'force [N]'"]),
         (["--match", "speed"], ["expected COLUMN=COLUMN"]),

@@ -104,6 +104,7 @@ class Case:
             Parquet file.
         run : column that names the run of each row; "": all rows are one run.
         units : unit by column, where neither the column's metadata (`unit`) nor its name ("w [rpm]") tells it.
+            Here and below a column is named by its heading as it is written, or by its bare name: `D [mm]` or `D`.
         equation : channel -> formula, of base "equation".
         fit : fitted name -> START, (START, MIN, MAX) or (START, MIN, MAX, UNIT).
         constants : known name -> number in SI, (NUMBER, UNIT) or "80 mm".
@@ -291,8 +292,9 @@ class Case:
 
         Parameters
         ----------
-        table : as for `from_table`, with the columns of the case, by the names that they have there or in the model, in
-            the units of the case where the metadata does not tell others; channels may be absent.
+        table : as for `from_table`, with the columns of the case, by the names that they have there (`D [mm]`, or `D`)
+            or in the model, in the units of the case where metadata or heading do not tell others; channels may be
+            absent.
 
         Returns
         -------

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import tomlkit
 
+from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.mechanics import ROLES
 from terrapin_hil.robots import select
 from terrapin_tools.door.effect import numbers
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES
+from terrapin_tools.workbench.bases import ROLES as BASE_ROLES
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
 from terrapin_tools.workbench.files.arrow_tables import from_arrow
-from terrapin_tools.workbench.files.format import Ambiguous
+from terrapin_tools.workbench.files.format import Ambiguous, meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.new_case.from_columns import document_of
 from terrapin_tools.workbench.new_case.from_tables import split_unit
@@ -25,6 +27,7 @@ from terrapin_tools.workbench.robot.runs import read_run, write_case
 
 __all__ = ["case_of", "case_of_runs", "table_of"]
 
+Given = TypeVar("Given")
 FILE = "table.parquet"  # in which the table stands when the case is saved
 
 
@@ -60,6 +63,10 @@ def case_of(
     table, told = table_of(source)
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
+    formulas = {name for formula in equation.values() for name in _names_in(formula)} - {*fit, *constants}
+    columns = _by_headings(table, base, columns, (*equation, *roles, *units, *sorted(formulas)))
+    equation, roles = _by_names(table, columns, equation), _by_names(table, columns, roles)
+    units, noise = _by_names(table, columns, units), _by_names(table, columns, noise)
     names = _columns(table, base, columns, {**dict.fromkeys(roles, ""), **told, **units}, equation)
     _check_roles(roles, base, names, equation)
     for option, given in (("units", units), ("noise", noise)):
@@ -72,7 +79,8 @@ def case_of(
         if not unit:
             raise UserError(f"column {column}: found no unit, expected one: units={{{name!r}: 'mm'}}; '1' for none")
         mapped[name] = {"column": column, "unit": unit, "is": roles.get(name), "sigma": noise.get(name)}
-    if run and run not in table.columns:
+    run_column = meant(run, table.columns) if run else ""
+    if run_column is None:
         raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
     order = {
         "title": title,
@@ -86,7 +94,7 @@ def case_of(
             for name, value in fit.items()
         },
         "limits": {name: _limit(name, value) for name, value in limits.items()},
-        "run": run,
+        "run": run_column,
         "train": [_run(one) for one in train],
         "test": [_run(one) for one in test],
     }
@@ -99,13 +107,45 @@ def case_of(
         raise UserError(rest if place.startswith("case.toml:") else str(error), error.status) from None
 
 
+def _names_in(formula: str) -> Collection[str]:
+    try:
+        return parse(formula).names
+    except ValueError:  # which is told where the case is read
+        return ()
+
+
+def _by_headings(table: Table, base: str, columns: Mapping[str, str], said: Iterable[str]) -> dict[str, str]:
+    """Name in the model -> column: `columns`, and what is said of others by their headings, or these without unit."""
+    found = {}
+    for name, column in columns.items():
+        heading = meant(column, table.columns)
+        if heading is None:
+            raise UserError(f"columns: {name}: found {column!r}, expected one of {', '.join(table.columns)}")
+        found[name] = heading
+    allowed = {*BASES[base].channels, *BASE_ROLES}
+    for one in said:
+        heading, bare = meant(one, table.columns), parted(one)[0]
+        if heading in (None, bare) or heading in found.values() or not bare.isidentifier():
+            continue
+        if BASES[base].own_names or bare in allowed:
+            found.setdefault(bare, str(heading))
+    return found
+
+
+def _by_names(table: Table, columns: Mapping[str, str], given: Mapping[str, Given]) -> dict[str, Given]:
+    """What is given of columns by the names that these have in the model, or by their headings where they have none."""
+    names = {column: name for name, column in columns.items()}
+    found = {}
+    for said, value in given.items():
+        heading = meant(said, table.columns) or said
+        found[said if said in columns else names.get(heading, heading)] = value
+    return found
+
+
 def _columns(
     table: Table, base: str, columns: Mapping[str, str], units: Mapping[str, str], equation: Mapping[str, str]
 ) -> dict[str, str]:
     """Name -> column: those that are named, those of an equation, and those that have a unit and a fitting name."""
-    for name, column in columns.items():
-        if column not in table.columns:
-            raise UserError(f"columns: {name}: found {column!r}, expected one of {', '.join(table.columns)}")
     known = dict(columns)
     own = BASES[base].own_names
     for column in table.columns:

@@ -15,8 +15,9 @@ from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.case.case import Case, parse_case
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.files.arrow_tables import labelled
+from terrapin_tools.workbench.files.format import meant, parted
 from terrapin_tools.workbench.files.tables import Table
-from terrapin_tools.workbench.files.units import convert
+from terrapin_tools.workbench.files.units import convert, spelling
 from terrapin_tools.workbench.model.fitting import covariance
 
 __all__ = ["parameter_covariance", "predicted"]
@@ -33,8 +34,9 @@ def parameter_covariance(analysis: Analysis) -> Array:
 
 
 def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
-    """A row for each of `table`, which has the columns of the case by their names there or in the model, in the units
-    of the case where `units` does not tell others; channels may be absent.
+    """A row for each of `table`, which has the columns of the case by their headings or bare names there, or by their
+    names in the model, in the units of the case where `units` or the heading does not tell others; channels may be
+    absent.
 
     Returns a pyarrow.Table: of each channel NAME what the model says, NAME_sd its sd from the sds of the parameters,
     and NAME_noise_sd, that of one measurement beside it. UserError when a column is missing or its unit is of another
@@ -71,12 +73,14 @@ def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
     needed, derived = _needed(case), data.get("derived", {})
     for name, entry in data["columns"].items():
         column, unit = str(entry["column"]), str(entry.get("unit", ""))
-        told = column if column in columns else name
-        if told in columns and units.get(told, unit) != unit:
+        told = next((one for said in (column, parted(column)[0], name) if (one := meant(said, columns))), None)
+        if told is not None:
+            own = units.get(told) or (parted(told)[1] if told != column else "") or unit
             with about(f"column {told}"):
-                columns[column] = convert(table.numbers(told), units[told], unit)
-        elif told in columns:
-            columns[column] = columns[told]
+                other = spelling(own) != spelling(unit)
+                columns[column] = convert(table.numbers(told), spelling(own), unit) if other else columns[told]
+            if told not in (column, name):
+                del columns[told]
         if column in derived:
             continue
         if column not in columns and name not in needed:

@@ -24,7 +24,7 @@ from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.derived.columns import derive, inputs
 from terrapin_tools.workbench.files import units
-from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.format import Asked, meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
@@ -73,7 +73,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
     files = tables.files()
-    loaded = _read_files(folder, tables, files, mapped, held)
+    loaded = _called(tables, _read_files(folder, tables, files, mapped, held), mapped)
     run_column = tables.text("data", "run", default="")
     derived: list[str] = []
     if tables.table("data", "derived"):
@@ -238,15 +238,35 @@ def mapped_column(tables: Tables, table: Table, role: str, canonical: str) -> Ar
     path = ("data", "columns", role)
     tables.entry(path, "column", "unit")
     column, unit = tables.text(*path, "column"), tables.text(*path, "unit")
-    _check_there(tables, table, column, *path)
+    column = _check_there(tables, table, column, *path)
     with tables.about(*path, "unit"):
         return units.convert(table.numbers(column), unit, canonical)
 
 
-def _check_there(tables: Tables, table: Table, column: str, *path: str) -> None:
-    if column not in table.columns:
+def _check_there(tables: Tables, table: Table, column: str, *path: str) -> str:
+    found = meant(column, table.columns)
+    if found is None:
         expected = ", ".join(table.columns)
         raise tables.complain(f"column {column!r} is not in {table.path.name}, expected one of {expected}", *path)
+    return found
+
+
+def _called(tables: Tables, loaded: list[Table], mapped: list[Mapped]) -> list[Table]:
+    """The tables with their columns called as case.toml calls them: by their headings, or by the bare names of these.
+
+    UserError where one name means headings of several units."""
+    derived = tables.table("data", "derived")
+    said = {*inputs(tables, [entry.column for entry in mapped]), *group_columns(tables).values()}
+    said |= {tables.text("data", "run", default=""), *tables.texts("data", "ignore", default=[])}
+    said -= {"", *derived}
+    for name in sorted(said):
+        headings = {table.path.name: meant(name, table.columns) for table in loaded}
+        own = {units.spelling(unit): file for file, one in headings.items() if one and (unit := parted(one)[1])}
+        if len(own) > 1:
+            (unit, file), (other, elsewhere) = list(own.items())[:2]
+            words = f"column {name!r} is in {unit} in {file} and in {other} in {elsewhere}, expected one unit"
+            raise tables.complain(words, "data", "files")
+    return [table.called(said) for table in loaded]
 
 
 def _read_files(
@@ -276,8 +296,7 @@ def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:
         if is_log(table.path) or not column:
             names += [table.path.stem] * table.rows
             continue
-        _check_there(tables, table, column, "data", "run")
-        found = table.text(column)
+        found = table.text(_check_there(tables, table, column, "data", "run"))
         if "" in found:
             raise UserError(f"{table.place(found.index(''))}: column {column}: found nothing, expected a run's name")
         names += found

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
-from terrapin_tools.workbench.files.format import Asked, Column
+from terrapin_tools.workbench.files.format import Asked, Column, meant
 from terrapin_tools.workbench.files.number_marks import GAPS
 
 __all__ = ["TIMES", "clock_column", "restarts", "split"]
@@ -86,9 +86,10 @@ def _seconds(text: str) -> float:
 
 
 def _numbers(columns: Mapping[str, Column], name: str, where: str) -> npt.NDArray[np.float64]:
-    if name not in columns:
+    column = meant(name, columns)
+    if column is None:
         raise UserError(f"{where}: found {shorten(name)}, expected one of {', '.join(columns)}")
-    found = _as_numbers(columns[name])
+    found = _as_numbers(columns[column])
     if found is None:
         raise UserError(f"{where}: column {shorten(name)} holds text, expected numbers")
     return found

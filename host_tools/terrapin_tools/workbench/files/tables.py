@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from terrapin_tools.bounded import refuse_beyond, refuse_columns
 from terrapin_tools.errors import UserError, printable
 from terrapin_tools.extras import need
 from terrapin_tools.logs.reading import is_log
-from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, Part, cells, named
+from terrapin_tools.workbench.files.format import Ambiguous, Asked, Column, Part, cells, meant, named
 from terrapin_tools.workbench.files.formats import PACKED, SUFFIXES, format_of
 from terrapin_tools.workbench.files.number_marks import GAPS
 from terrapin_tools.workbench.files.packed import unpacked
@@ -54,6 +54,15 @@ class Table:
             begin, part, first = next(piece for piece in reversed(self.pieces) if piece[0] <= row)
             return f"{self.path.name}: {part}: row {row - begin + (first or 1)}"
         return f"{self.path.name}:{row + self.first_line}" if self.first_line else f"{self.path.name}: row {row + 1}"
+
+    def called(self, names: Iterable[str]) -> Table:
+        """The table with each column that one of `names` means (format.meant) under that name."""
+        said = {}
+        for name in names:
+            found = meant(name, self.columns)
+            if found is not None and found != name:
+                said[found] = name
+        return replace(self, columns={said.get(n, n): column for n, column in self.columns.items()}) if said else self
 
     def numbers(self, name: str, gaps: bool = False) -> npt.NDArray[np.float64]:
         """A column as finite numbers; with `gaps` an empty cell or NaN is NaN. UserError with file, line and field."""

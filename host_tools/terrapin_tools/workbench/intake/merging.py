@@ -6,7 +6,7 @@ around each of its times; states (few different numbers), and what is asked to b
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from terrapin_hil.arrays import Array, Index
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.intake import MARK
 from terrapin_tools.workbench.files import units
+from terrapin_tools.workbench.files.format import meant
 from terrapin_tools.workbench.intake.clock_offset import Offset, averaged, clock_offset
 from terrapin_tools.workbench.intake.look import table_of
 from terrapin_tools.workbench.intake.look_columns import noise_of
@@ -32,6 +33,7 @@ class _Recording:
     path: Path
     times: Array  # s
     clock: str  # column
+    match: str  # column
     numbers: dict[str, Array]
     text: dict[str, Any]
 
@@ -58,9 +60,7 @@ def _recording(path: Path, dbc: Path | None, clock: str, match: str) -> _Recordi
         except UserError:
             text[name] = table.columns[name]
     clock = clock or next((guess.column for guess in guess_columns(list(numbers), text) if guess.name == "time"), "")
-    for what, name in (("--time", clock), ("--match", match)):
-        if name not in numbers:
-            raise UserError(f"{path.name}: {what}: found {name!r}, expected one of {', '.join(numbers)}")
+    clock, match = (_meant(path, what, name, numbers) for what, name in (("--time", clock), ("--match", match)))
     try:
         times = units.convert(numbers[clock], split_unit(clock)[1] or "s", "s")
     except ValueError as error:
@@ -69,7 +69,14 @@ def _recording(path: Path, dbc: Path | None, clock: str, match: str) -> _Recordi
     if len(times) < 2 or wrong.size:
         place = table.place(int(wrong[0]) + 1) if wrong.size else path.name
         raise UserError(f"{place}: column {clock}: expected times that rise: a file of one run")
-    return _Recording(path, times, clock, numbers, text)
+    return _Recording(path, times, clock, match, numbers, text)
+
+
+def _meant(path: Path, option: str, said: str, numbers: Mapping[str, Array]) -> str:
+    found = meant(said, numbers)
+    if found is None:
+        raise UserError(f"{path.name}: {option}: found {said!r}, expected one of {', '.join(numbers)}")
+    return found
 
 
 def merge(
@@ -87,7 +94,8 @@ def merge(
     steps = [float(np.median(np.diff(r.times))) for r in (one, two)]
     swapped = steps[1] > steps[0]
     slow, fast = (two, one) if swapped else (one, two)
-    of_slow, of_fast = (match[1], match[0]) if swapped else match
+    match = one.match, two.match
+    of_slow, of_fast = slow.match, fast.match
     period, fine = max(steps), min(steps)
     # each clock from its own first row on: one may count from 1970
     begins = float(slow.times[0]), float(fast.times[0])
@@ -102,9 +110,7 @@ def merge(
         )
     at = found.to_fast(slow.times - begins[0]) + begins[1]
     rows = np.flatnonzero((at >= fast.times[0]) & (at <= fast.times[-1]))
-    for name in hold:
-        if name not in fast.numbers:
-            raise UserError(f"{fast.path.name}: --hold: found {name!r}, expected one of {', '.join(fast.numbers)}")
+    hold = [_meant(fast.path, "--hold", name, fast.numbers) for name in hold]
     held = [n for n, v in fast.numbers.items() if n in hold or len(np.unique(v[np.isfinite(v)])) <= STATES]
     whole: dict[str, Any] = {**slow.numbers, **slow.text}
     columns: dict[str, Any] = {name: whole[name][rows] for name in _names(slow)}

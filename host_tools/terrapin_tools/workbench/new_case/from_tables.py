@@ -20,7 +20,7 @@ import numpy as np
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
 from terrapin_tools.workbench.files import units
-from terrapin_tools.workbench.files.format import Asked
+from terrapin_tools.workbench.files.format import Asked, meant
 from terrapin_tools.workbench.files.split_runs import TIMES
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.times import clock_name
@@ -309,13 +309,15 @@ def _gathered(
 
 def _pinned(guesses: Sequence[Guess], columns: Mapping[str, str]) -> list[Guess]:
     """The guesses, with the columns that are known."""
+    name_of: dict[str, str] = {}
     for name, column in columns.items():
         if name not in WORDS:
             raise UserError(f"--column: found {name!r}, expected one of {', '.join(WORDS)}")
-        if column not in [guess.column for guess in guesses]:
+        found = meant(column, [guess.column for guess in guesses])
+        if found is None:
             expected = ", ".join(guess.column for guess in guesses)
             raise UserError(f"--column: found {column!r}, expected one of {expected}")
-    name_of = {column: name for name, column in columns.items()}
+        name_of[found] = name
     return [replace(g, name=name_of.get(g.column, None if g.name in columns else g.name)) for g in guesses]
 
 
@@ -434,9 +436,10 @@ def _run_column(tables: Sequence[Table], common: Sequence[str], asked: Asked) ->
     """The column that names the run and the number of runs; without one each file is a run."""
     kind, _, told = asked.runs.partition(":")
     if kind == "column":
-        if told not in common:
+        column = meant(told, common)
+        if column is None:
             raise UserError(f"runs: found column {told!r}, expected one of {', '.join(common)}")
-        return told, len({value for table in tables for value in table.text(told)})
+        return column, len({value for table in tables for value in table.text(column)})
     for word in RUN_WORDS:
         for name in common:
             if word in _words(name):
