@@ -81,11 +81,12 @@ def test_a_missing_unit_that_leaves_formulas_unsound_is_refused(tmp_path: Path) 
     [
         ("k*w + o", '[fit]\nk = { value = 1e-4, unit = "N m/A" }\no = { value = 0.0 }\n', "comes out in"),
         ("k*w*load**p", '[fit]\nk = { value = 1e-4, unit = "N m/A" }\np = { value = 0.5 }\n', ""),
+        ("0.02*w + b*w + o", '[fit]\nb = { value = 1e-4, unit = "N m/A" }\no = { value = 0.0 }\n', ""),
         ("mu*load*sign(w) + b*w", '[fit]\nmu = { value = 0.01 }\nb = { value = 1e-4, unit = "N m s/rad" }\n', ""),
     ],
 )
 def test_a_missing_unit_hides_no_wrong_one(tmp_path: Path, equation: str, tables: str, wrong: str) -> None:
-    """Whatever o is in, k*w is no torque. A law with a power of its own is empirical: its units say nothing."""
+    """Whatever o is in, k*w is no torque. A law with a power of its own, or with plain numbers, is empirical."""
     folder = bearing(tmp_path / "case", equation, tables, si=True)
     if not wrong:
         assert not load_case(folder).scales

@@ -205,6 +205,11 @@ class Expression:
         """Names that stand in an exponent."""
         return frozenset(_exponents(self.tree))
 
+    @cached_property
+    def numbers(self) -> bool:
+        """Whether plain numbers stand in it, but for exponents."""
+        return _numbers(self.tree)
+
     def evaluate(self, values: Mapping[str, Array | float]) -> Array:
         """Value over arrays (broadcast against each other); comparisons give 0.0 or 1.0.
 
@@ -257,6 +262,12 @@ def _exponents(node: Node) -> set[str]:
         return set()
     own = _names(node.arguments[1]) if node.kind == "**" else set()
     return own.union(*(_exponents(a) for a in node.arguments))
+
+
+def _numbers(node: Node) -> bool:
+    if not isinstance(node, Operation):
+        return isinstance(node, Number)
+    return any(_numbers(a) for a in (node.arguments[:1] if node.kind == "**" else node.arguments))
 
 
 def _evaluate(node: Node, values: Mapping[str, Array | float]) -> Any:

@@ -48,11 +48,11 @@ def open_units(expression: Expression, given: Mapping[str, str], names: list[str
 def contradiction(formula: Expression, given: Mapping[str, str], wanted: str) -> str | None:
     """What is wrong with a formula whatever the units of the names that have none; None where some make it sound.
 
-    A name without a unit in an exponent stands for an empirical law, whose factor's unit nobody can write: not checked.
+    Beside such names what stands in an exponent, or a plain number, may be of an empirical law: not checked.
     """
     known = {name: given[name] for name in formula.names if given.get(name)}
     bare = sorted(formula.names - known.keys())
-    if formula.exponents & {*bare}:
+    if bare and (formula.numbers or formula.exponents & {*bare}):
         return None
     return unit_problem(formula, {**known, **open_units(formula, known, bare, wanted)}, wanted)
 
