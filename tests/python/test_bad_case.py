@@ -153,7 +153,7 @@ WRONG: dict[str, tuple[Change, list[str]]] = {
     "more than its square holds": (cell("1e200"), ["runs.csv:4", "column w", "1e+200"]),
     "a blank line": (csv(lambda t: t.replace("\n", "\n\n", 2)), ["runs.csv:", "empty or broken line"]),
     "an endless cell": (cell("x" * 200_000), ["runs.csv", "field"]),
-    "one row": (csv(lambda t: "\n".join(t.splitlines()[:2])), ["case.toml:19", "data.train", "one run"]),
+    "one row": (csv(lambda t: "\n".join(t.splitlines()[:2])), ["case.toml", "data", "1 value to train on"]),
     "every run held out": (
         toml('run = "run"', 'run = "run"\ntest = ["r00", "r01", "r02", "r03"]'),
         ["case.toml:19", "data.train", "at least one run"],

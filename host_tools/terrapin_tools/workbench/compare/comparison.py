@@ -240,11 +240,23 @@ def analyse(case: Case, seed: int = 0, level: float = LEVEL) -> Analysis:
 
     Raises
     ------
-    UserError : the model gives no number for a row; file and row are named.
+    UserError : the model gives no number for a row; file and row are named. Or no more values are trained on than
+        parameters are fitted: such a model fits whatever was measured.
     """
+    _enough(case)
     stuck = _stuck(case)
     moving = replace(case, train=case.train & ~stuck, test=case.test & ~stuck)
     return replace(_at_steps(moving, seed, level), stuck=stuck)
+
+
+def _enough(case: Case) -> None:
+    model = Model.of(case)
+    values = int(case.train.sum()) * len(model.channels)
+    if 0 < len(model.fitted) >= values:
+        raise UserError(
+            f"{case.folder / 'case.toml'}: data: found {values} value{'s' * (values > 1)} to train on for "
+            f"{len(model.fitted)} fitted parameters, expected more values than parameters"
+        )
 
 
 def _at_steps(case: Case, seed: int, level: float) -> Analysis:
