@@ -22,7 +22,7 @@ from terrapin_hil import paths
 from terrapin_hil.errors import UserError
 from terrapin_interface.robot import DEFAULT, ROBOTS, Robot, RobotError, find_robot, load_robot
 
-__all__ = ["DEFAULT", "Robot", "cylinder", "robot_words", "select", "selected"]
+__all__ = ["DEFAULT", "Robot", "constants_of", "cylinder", "robot_words", "select", "selected"]
 
 SOURCES = {".c", ".h", ".py", ".toml", ".cmake"}
 PROGRAMS = ("cmake", "ninja", "cc")  # that build a controller for this machine
@@ -50,6 +50,12 @@ def cylinder() -> Robot:
 def selected() -> Robot:
     """The robot of this process. UserError when its file is wrong."""
     return _robot(os.environ.get(paths.ROBOT_VARIABLE, DEFAULT))[0]
+
+
+def constants_of(name: str, around: Iterable[Path] = ()) -> dict[str, float]:
+    """Constants of a shipped robot, or of that of a file, as hil_robot has them (physics/robot.h; SI). UserError when
+    there is no such robot or its file has a wrong value."""
+    return dict(_robot(name, around)[0].plant)
 
 
 def select(name: str, around: Iterable[Path] = ()) -> Robot:

@@ -130,6 +130,8 @@ MORE = {  # the other bases
         "current": {"k*omega": {"k": "A s/rad"}},
         "voltage": {"k*omega": {"k": "s/rad"}},
     },
+    "cmr_slip": {"resistance": {"k*slip": {"k": "N m"}}, "speed": {"k*omega": {"k": "m"}}},
+    "sphere_slip": {"torque": {"k*slip": {"k": "N m"}}, "resistance": {"k*load": {"k": "m"}}},
     "pendulum_sphere": {
         "resistance": {"k*omega": {"k": "N m s/rad"}, "k*load": {"k": "m"}},
         "torque": {"k*sign(omega)": {"k": "N m"}},
@@ -162,6 +164,8 @@ MORE = {  # the other bases
 FORMULAS |= MORE
 COLUMNS = {  # of the other bases -> unit; one row is enough where nothing is fitted
     "cmr": {"time": "s", "voltage": "V", "omega": "rad/s", "current": "A"},
+    "cmr_slip": {"time": "s", "voltage": "V", "omega": "rad/s", "speed": "m/s"},
+    "sphere_slip": {"time": "s", "joint_rate": "rad/s", "torque": "N m", "speed": "m/s"},
     "pendulum_sphere": {"time": "s", "joint_rate": "rad/s", "torque": "N m", "rolling_angle": "rad"},
     "rolling_sphere": {"omega": "rad/s", "slip": "1", "load": "N", "current": "A", "traction": "N"},
     "sphere_contact": {"slip": "1", "load": "N", "traction": "N", "torque": "N m", "sinkage": "m"},
@@ -171,6 +175,8 @@ COLUMNS = {  # of the other bases -> unit; one row is enough where nothing is fi
 SOIL = "n = 1\ncohesion = 0\nfriction_angle = 0.6\nshear_modulus = 0.02\n"
 NUMBERS = {
     "cmr": "f_o = 0.05\n",
+    "cmr_slip": "f_o = 0.05\nmu = 0.4\ns_k = 0.1\n",
+    "sphere_slip": "k_s = 2e6\n" + SOIL,
     "pendulum_sphere": "f_o = 0.05\n",
     "rolling_sphere": "radius = 0.2\ndrive_radius = 0.003\ntorque_constant = 0.04\ncoulomb = 0.6\nviscous = 0.05\n"
     "k_s = 2e6\nc1 = 0.2\nc2 = 0.3\n" + SOIL,

@@ -26,6 +26,10 @@ HEADERS = (
     "pendulum.h",
     "equations/ode.h",
     "dynamic.h",
+    "ground/bulldozing.h",
+    "ground/grip.h",
+    "ground/ground.h",
+    "slipping.h",
     "heading.h",
 )
 _ONE_AT_A_TIME = RLock()  # two threads that make declarations at once would get types that do not mix

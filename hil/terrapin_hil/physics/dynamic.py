@@ -77,7 +77,7 @@ class Plan:
         for effect in self.effects:
             slots = self.own[effect.name]
             ground = effect.where == "ground"
-            target = effect.on.get(model.name, effect.target)
+            target = model.target(effect)
             if effect.transform or target in (*model.channels, "encoder", "measured"):
                 self.outside.append(effect)
             elif target in ("resistance", "rolling_resistance"):
@@ -175,7 +175,7 @@ class Plan:
                 if stage != ("transform" if effect.transform else effect.stage):
                     continue
                 own = {name: table[slot] for name, slot in self.own[effect.name].items()}
-                target = effect.on.get(self.model.name, effect.target)
+                target = self.model.target(effect)
                 several = {"measured": tuple(channels), "encoder": self.model.encoder}
                 for name in several.get(target, (target,)):
                     here = {**known, **own}
@@ -223,7 +223,7 @@ def simulate(
         if name not in arrays:
             raise ContactError(f"{base}: input {name} is missing, expected an array over time")
     for name, effect in chosen.items():
-        if base not in effect.bases:
+        if not model.takes(effect):
             raise ContactError(f"{name}: acts on {' or '.join(effect.bases)}, found base {base}")
     plan = Plan(model, list(chosen.values()), [*parameters, *arrays])
     values = plan.values()

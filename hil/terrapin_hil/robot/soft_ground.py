@@ -19,7 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from terrapin_hil.library import ffi, library
-from terrapin_hil.physics import contact, soils, sphere
+from terrapin_hil.physics import contact, grip, soils, sphere
 from terrapin_hil.physics.contact import FIELDS, Array, ContactError, Rows, Shape
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import parse
@@ -39,7 +39,6 @@ __all__ = [
 ]
 
 SOIL_TARGETS = ("k_s", "cohesion", "recovery")
-VALUES = ("thrust", "compaction", "lever", "sinkage")
 ACCURACY = 1e-4  # of each value, or of 1 % of its scale: load, load, load R, greatest sinkage
 MOST_SLIPS, MOST_LOADS = 2049, 65
 
@@ -145,36 +144,11 @@ def _contact(ground: SoftGround, radius: float, load: Rows, slip: Rows) -> conta
 
 def _exact(ground: SoftGround, radius: float, load: Array, slip: Array) -> tuple[Array, Array]:
     """VALUES (points, 4) and their derivatives by the plant's slip. ContactError where no sinkage carries a load."""
-    share = np.maximum(1.0 + np.minimum(slip, 0.0), 1e-9)  # slip and R omega / v - 1 agree when driving only
-    inner = np.where(slip < 0.0, np.minimum(slip, 0.0) / share, slip)
-    packed = contact.points(_fields(ground, radius, inner), len(load))
-    entry, value, slopes, status = contact.equilibrium(ground.shape, False, packed, load, None, derivatives=True)
-    assert slopes is not None
-    if status.any():
-        at = int(np.flatnonzero(status)[0])
-        _contact(ground, radius, load[at], float(np.clip(slip[at], -1.0, 1.0)))  # says why
-        raise ContactError(f"load: found {load[at]:.6g} N at slip {slip[at]:.3g}: no sinkage carries it")
-    bare = packed.copy()
-    bare[:, FIELDS.index("cohesion")] = bare[:, FIELDS.index("friction_angle")] = 0.0
-    pressed, by_pressed = contact.evaluate(ground.shape, False, bare, entry, derivatives=True)
-    assert by_pressed is not None
-    inward = np.where(slip < 0.0, 1.0 / share**2, 1.0)
-    follow = -slopes[:, 0, 1] / slopes[:, 0, 0]  # of the entry angle, the load held
-    total = (slopes[:, :, 1] + slopes[:, :, 0] * follow[:, None]) * inward[:, None]
-    compaction, compaction_by = -pressed[:, 1], -(by_pressed[:, 1, 1] + by_pressed[:, 1, 0] * follow) * inward
-    thrust, thrust_by = value[:, 1] + compaction, total[:, 1] + compaction_by
-    depth, depth_by = 2.0 * radius * np.sin(0.5 * entry) ** 2, radius * np.sin(entry) * follow * inward
-    values = np.stack([thrust, compaction, value[:, 2] - radius * thrust, depth], axis=1)
-    by = np.stack([thrust_by, compaction_by, total[:, 2] - radius * thrust_by, depth_by], axis=1)
-    return values, by
+    return grip.exact(ground.shape, lambda inner: _fields(ground, radius, inner), radius, load, slip)
 
 
 def _grid(ground: SoftGround, radius: float, loads: Array, slips: Array) -> Array:
-    load, slip = (a.ravel() for a in np.meshgrid(loads, slips, indexing="ij"))
-    values, by = _exact(ground, radius, load, slip)
-    # A locked shell shears without end: its slope is that of one that hardly turns
-    by[slip <= -1.0] = _exact(ground, radius, load, np.maximum(slip, -0.999))[1][slip <= -1.0]
-    return np.stack([values, by], axis=-1).reshape(len(loads), len(slips), len(VALUES), 2)
+    return grip.grid(ground.shape, lambda inner: _fields(ground, radius, inner), radius, loads, slips)
 
 
 def _miss(found: Array, exact: Array, scale: Array) -> float:

@@ -90,6 +90,9 @@ def table(
     unit: Annotated[Texts, typer.Option("--unit", metavar="NAME=UNIT", help="where the names leave it open")] = None,
     read: Reading = None,
     base: Annotated[str, typer.Option("--base", help="base model; else the best of those that suit")] = "",
+    robot: Annotated[
+        str, typer.Option("--robot", metavar="NAME|FILE", help="whose constants are known: a shipped one, or your file")
+    ] = "",
 ) -> None:
     """Make a case of tables of your own: roles and units are guessed from the columns' names, for you to correct.
 
@@ -99,10 +102,15 @@ def table(
 
     terrapin case table log.csv --base cmr --to my_case
 
+    With the robot's file its constants are stated, and only the ground is left to be fitted:
+
+    terrapin case table log.csv --robot my_robot.toml --to my_case
+
     What was assumed of the files is shown first. --read says otherwise:
 
     terrapin case table book.xlsx --read sheet=Tests --read range=A3:F90 --to my_case
     """
+    from terrapin_hil.robots import constants_of
     from terrapin_tools.workbench.files.format import Asked
     from terrapin_tools.workbench.new_case.from_tables import write_table_case
     from terrapin_tools.workbench.new_case.options import pairs
@@ -114,7 +122,9 @@ def table(
         raise UserError(f"{other}: found beside tables, expected tables only, or folders of runs only")
     said = pairs("--column", column or []), pairs("--unit", unit or [])
     asked = Asked.of(pairs("--read", read or []), "--read")
-    print(write_table_case(to, tables, title or to.resolve().name, *said, _ask(), asked, chosen=base))
+    constants = constants_of(robot) if robot else None
+    words = write_table_case(to, tables, title or to.resolve().name, *said, _ask(), asked, chosen=base, robot=constants)
+    print(words)
 
 
 def map_(

@@ -15,6 +15,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.catalogues import entries
 from terrapin_hil.physics.compiled import pointer
+from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.program import FIRST, ROLES
 
 __all__ = ["Body", "Drive", "bodies", "wheel_slip"]
@@ -42,8 +43,19 @@ class Body:
     aliases: Mapping[str, str] = field(default_factory=dict)  # further names of parameters in formulas
     swings: str = ""  # the parameter that is the arm of what swings in it
     encoder: tuple[str, ...] = ()  # channels that an encoder gives
+    kin: str = ""  # another body, whose effects it takes as well, but
+    holds: tuple[str, ...] = ()  # those that its own equations hold
+    tabulated: tuple[str, ...] = ()  # parameters that a whole run has one value of: no effect may change them in it
     # roles that it computes itself
     states: tuple[str, ...] = ("omega", "angle", "acceleration", "slip", "speed", "load")
+
+    def takes(self, effect: Effect) -> bool:
+        """Whether the effect acts on this body."""
+        return self.name in effect.bases or (self.kin in effect.bases and effect.name not in self.holds)
+
+    def target(self, effect: Effect) -> str:
+        """What it acts on here."""
+        return effect.on.get(self.name, effect.on.get(self.kin, effect.target))
 
     def slots(self) -> dict[str, int]:
         """Slots of everything that formulas may name, but for the effects' own."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
 
@@ -77,7 +77,9 @@ WORDS = {  # role or channel -> words of a name that stand for it, and words bes
     "drive_torque": ("drive halfshaft shaft td torque", ""),
     **{name: words for base in BASES.values() for name, words in base.column_words.items()},
 }
-OTHERWISE = {"torque": "drive_torque"}  # what a channel of that kind is beside other columns: a car's wheels
+OTHERWISE = {  # what a channel of that kind is beside other columns: a car's wheels, a sphere's joint
+    "torque": "drive_torque", "angle": "rolling_angle",
+}  # fmt: skip
 PLAIN = Asked()
 CLOCK = 1000  # score of the seconds beside a column of times: above that of any name
 NAMED = 3  # columns with text between numbers whose first text is told
@@ -179,6 +181,7 @@ def write_table_case(
     asked: Asked = PLAIN,
     show: Callable[[str], object] = print,
     chosen: str = "",
+    robot: Mapping[str, float] | None = None,
 ) -> str:
     """Write case.toml into the (new) folder, naming the tables where they lie; returns what was guessed, in words.
 
@@ -188,6 +191,7 @@ def write_table_case(
     ask : is asked what the names leave open, a unit or one of several columns.
     asked : how the files are to be read. show : is given what was assumed of them, before anything is written.
     chosen : the base model; else that of those which suit the columns that a brief fit finds best.
+    robot : constants [SI] of a robot's file, by the names of parameters: stated, neither guessed nor fitted.
 
     Raises
     ------
@@ -196,9 +200,11 @@ def write_table_case(
     taken = UserError(f"{folder / 'case.toml'}: exists, expected a new folder for the case")
     if (folder / "case.toml").exists():
         raise taken
-    found = _gathered(files, asked, ask, columns or {}, told or {}, chosen)
+    found = replace(_gathered(files, asked, ask, columns or {}, told or {}, chosen), robot=robot or {})
     tables, guesses = found.tables, found.guesses
     base, offered = _chosen(found, files, title, chosen)
+    if robot and robot.keys().isdisjoint(base.parameters):
+        raise UserError(f"--robot: none of a robot's constants is one of {base.name}, expected no robot beside it")
     document = _document(folder, files, title, base, found)
     assumed = assumptions(tables)
     if assumed:
@@ -263,6 +269,7 @@ class _Gathered:
     guesses: list[Guess]
     text: list[str]
     groups: dict[str, list[str]]
+    robot: Mapping[str, float] = field(default_factory=dict)
 
     def too_few(self) -> list[str]:
         """The runs' names, where there are so few that a model of what differs between them needs each."""
@@ -491,8 +498,12 @@ effects = []
 
 def _document(folder: Path, files: Sequence[Path], title: str, base: Base, read: _Gathered) -> str:
     mapped = _mapped(read.guesses, base)
-    own = _equation(mapped, base) if base.own_names else _constants(base, {str(guess.name) for guess in mapped})
-    made_up = _made_up(own)
+    own = (
+        _equation(mapped, base)
+        if base.own_names
+        else _constants(base, {str(guess.name) for guess in mapped}, read.robot)
+    )
+    made_up = [name for name in _made_up(own) if name.removeprefix("parameters.") not in read.robot]
     if base.own_names:
         made_up = [f"model.equation.{_names(mapped, base)[_predicted(mapped)]}"]
     told = f"guessed = [{', '.join(map(_quoted, made_up))}]  # take out what you have confirmed\n" if made_up else ""
@@ -574,12 +585,20 @@ def _made_up(lines: Sequence[str]) -> list[str]:
     return [f"parameters.{line.partition(' =')[0]}" for line in parameters if line and not line.startswith("#")]
 
 
-def _constants(base: Base, roles: set[str]) -> list[str]:
-    """Placeholders for what the model needs to know and no table can tell, and what is fitted."""
-    known = {name: q.placeholder for name, q in base.parameters.items() if name not in base.first_fit}
+def _constants(base: Base, roles: set[str], robot: Mapping[str, float]) -> list[str]:
+    """The robot's constants, placeholders for what else no table can tell, and what is fitted."""
+    stated = {
+        name: f"{robot[name]:.10g} {q.unit}".removesuffix(" 1") for name, q in base.parameters.items() if name in robot
+    }
+    fitted = {name: entry for name, entry in base.first_fit.items() if name not in stated}
+    known = {name: q.placeholder for name, q in base.parameters.items() if name not in {*fitted, *stated}}
     known.update({role: text for role, text in base.needs.items() if role not in roles})
     lines = ["[parameters]  # CHECK every line: placeholders, no table can tell them"]
+    if stated:
+        lines = ["[parameters]  # of the robot, as its file says"]
+        lines += [f"{name} = {_quoted(text) if ' ' in text else text}" for name, text in stated.items()]
+        lines += ["# CHECK: placeholders, no table can tell them"] if any(known.values()) else []
     lines += [f"{name} = {_quoted(text) if ' ' in text else text}" for name, text in known.items() if text]
     needed = [name for name, text in known.items() if not text]
     lines += [f"# {name}: no column was found for it, and the model needs it" for name in needed]
-    return [*lines, "", "[fit]", *(f"{name} = {entry}" for name, entry in base.first_fit.items())]
+    return [*lines, "", "[fit]", *(f"{name} = {entry}" for name, entry in fitted.items())]

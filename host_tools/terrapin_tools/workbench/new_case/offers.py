@@ -37,11 +37,7 @@ class Offer:
 
 def suiting(names: Collection[str | None]) -> list[Base]:
     """Bases whose inputs and at least one channel are among the names; most alike first."""
-    found = []
-    for base in BASES.values():
-        needed = [role for role, placeholder in base.needs.items() if not placeholder]
-        if not base.own_names and needed and set(needed) <= set(names) and not base.channels.keys().isdisjoint(names):
-            found.append(base)
+    found = [base for base in BASES.values() if not base.own_names and base.suits(names)]
     return sorted(found, key=lambda base: -base.resembles(names, ()))
 
 

@@ -241,6 +241,11 @@ class Base:
         others = [name for name in values if name in roles and name not in (main, "time")]
         return [ALONE, *((name, PRODUCT_COST, False) for name in others)]
 
+    def suits(self, names: Collection[str | None]) -> bool:
+        """Whether a table with these roles and channels has what it needs and something that it predicts."""
+        needed = {role for role, placeholder in self.needs.items() if not placeholder}
+        return bool(needed) and needed <= {*names} and not self.channels.keys().isdisjoint(names)
+
     def resembles(self, names: Collection[str | None], words: Collection[str]) -> int:
         """How much a table looks like this base, 0 for not at all: its guessed roles, the words of its columns."""
         return 0

@@ -42,15 +42,26 @@ class Integrated(Base):
     body: Body
     like: int = 0  # how much a table with its inputs and `sign` looks like it
     sign: frozenset[str] = frozenset()  # channels of which one tells it from other bases
+    measured: frozenset[str] = frozenset()  # channels without which a table says nothing of what sets it apart
     imposed: str = ""  # role that is the rate itself, with its derivative: none that an expression could act on
     step: float  # relative, of the parameters of neighbouring runs from which derivatives come
 
     def targets(self) -> list[Target]:
         return [("resistance", 1.0), *super().targets()]
 
+    def takes(self, effect: Effect) -> bool:
+        return super().takes(effect) or self.body.takes(effect)
+
+    def acts_on(self) -> tuple[str, ...]:
+        return tuple(name for name in super().acts_on() if name not in self.body.tabulated)
+
+    def suits(self, names: Collection[str | None]) -> bool:
+        return super().suits(names) and self.measured <= {*names}
+
     def resembles(self, names: Collection[str | None], words: Collection[str]) -> int:
         driven = {"time", *self.body.inputs} <= set(names)
-        return self.like if driven and not self.sign.isdisjoint(names) else 0
+        told = self.measured <= {*names} and not self.sign.isdisjoint(names)
+        return self.like if driven and told else 0
 
     def predictor(self, problem: Problem) -> Stretches:
         return Stretches(self, problem)
