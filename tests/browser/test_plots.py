@@ -129,11 +129,11 @@ def test_a_zoom_is_refined_from_the_server(page: Page, server: Server, browser: 
     expect(said).to_contain_text("of 60,000 rows are drawn")
     canvas.press("Escape")
 
-    canvas.focus()
-    for _ in range(4):  # one question after the last step, not one a step
-        page.keyboard.press("+")
+    canvas.evaluate("""(one) => {
+        for (let i = 0; i < 4; i++) one.dispatchEvent(new KeyboardEvent('keydown', { key: '+', bubbles: true }));
+    }""")  # at once, on a machine however busy: one question after the last step, not one a step
     expect(overlay).to_have_attribute("data-refined", re.compile(r"\d+"))
-    assert len(asked) < 5
+    assert len(asked) == 2
 
     context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
     other = context.new_page()  # whose console may tell of the refusal

@@ -14,6 +14,7 @@ from terrapin_hil.physics import expression
 from terrapin_hil.physics.compiled import ffi, library
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.physics.program import instructions
+from terrapin_hil.units import units
 
 VALUES = {"x": 1.7, "y": -0.6, "z": 0.25}
 
@@ -210,7 +211,7 @@ def test_unit(text: str, unit: str | None) -> None:
         with pytest.raises(ValueError, match="exp of a quantity"):
             parse(text).unit(UNITS)
         return
-    registry = expression.units()
+    registry = units()
     assert (
         parse(text).unit(UNITS).dimensionality
         == registry.parse_units(unit.replace("1", "dimensionless", unit == "1")).dimensionality
