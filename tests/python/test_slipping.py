@@ -58,20 +58,23 @@ def test_without_slip_it_rolls() -> None:
     assert np.abs(grips.motion["slip"]).max() < 1e-3
 
 
-def test_a_sphere_that_rolls_steadily_is_at_the_contacts_equilibrium() -> None:
-    """Its pull is 0 there, and the joint's torque is that of the contact and of the joint's friction (Eqs. 4 to 6)."""
+@pytest.mark.parametrize("slope", [0.0, 0.08])
+def test_a_sphere_that_rolls_steadily_is_at_the_contacts_equilibrium(slope: float) -> None:
+    """Its pull is the weight's share along the slope, at the load that presses on it, and the joint's torque is that of
+    the contact and of the joint's friction (Eqs. 4 to 6)."""
     time = np.arange(0.0, 4.0, 0.05)
-    given = {**SAND, **HEAVY, "viscous": 2.0}
-    run = simulate("sphere_slip", given, {"time": time, "joint_rate": np.ones(len(time))}, start=1.0)
+    given = {**SAND, **HEAVY, "bob_mass": 6.0, "viscous": 2.0}
+    inputs = {"time": time, "joint_rate": np.ones(len(time)), "slope": np.full(len(time), slope)}
+    run = simulate("sphere_slip", given, inputs, start=1.0)
     assert np.ptp(run.channels["torque"]) < 1e-6 * run.channels["torque"].mean()
-    slip, load = float(run.motion["slip"][-1]), float(run.motion["load"][-1])
+    slip, weight = float(run.motion["slip"][-1]), float(run.motion["load"][-1])
     soil = sphere.Soil(SAND["k_s"], SAND["n"], 0.0, SAND["friction_angle"], SAND["shear_modulus"])
-    contact = sphere.solve(load, slip, 0.22, soil)
+    contact = sphere.solve(weight * np.cos(slope), slip, 0.22, soil)
     assert 0.01 < slip < 0.9
-    assert abs(float(contact.traction[0])) < 1e-3 * load
+    assert abs(float(contact.traction[0]) - weight * np.sin(slope)) < 2e-4 * weight
     assert run.channels["torque"][-1] == pytest.approx(float(contact.torque[0]) + 2.0, rel=1e-3)
     swing = run.channels["swing_angle"][-1]
-    assert 4.0 * 9.81 * 0.13 * np.sin(swing) == pytest.approx(float(contact.torque[0]), rel=1e-3)
+    assert 6.0 * 9.81 * 0.13 * np.sin(swing) == pytest.approx(float(contact.torque[0]), rel=1e-3)
     assert run.channels["speed"][-1] == pytest.approx(0.22 * (1.0 - slip), rel=1e-3)
 
 

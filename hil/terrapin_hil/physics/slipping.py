@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
@@ -10,19 +10,19 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.bodies import Drive
 from terrapin_hil.physics.compiled import ffi, library, pointer
+from terrapin_hil.physics.swinging import motion_of_swinging
 
 __all__ = ["follow_slipping", "motion_of_slipping"]
 
-Grip = Callable[[Drive, Array], Array | None]  # a table of values (slots,) -> (1, slips, VALUES, 2), None for no ground
+Grip = Callable[
+    [Drive, Array], tuple[Array, Array] | None
+]  # table of values (slots,) -> loads [N] and grip.grid of them
+_AS_SWINGING = [0, 1, 3, 4, 6]  # columns of a record: what those of swinging.py begin with
 
 
-def follow_slipping(
-    body: str, load: Callable[[Drive, Array], float], grip: Grip | None = None
-) -> Callable[[Drive], tuple[Array, Array]]:
-    """What integrates the `body` of slipping.h: its record (samples, 10), and what neighbours change in it.
-
-    `load` [N] is that of the tables that `grip` makes, the same for all slips.
-    """
+def follow_slipping(body: str, grip: Grip | None = None) -> Callable[[Drive], tuple[Array, Array]]:
+    """What integrates the `body` of slipping.h: its record (samples, 10), and what neighbours change in it. `grip` says
+    None where no sinkage carries a load."""
 
     def follow(drive: Drive) -> tuple[Array, Array]:
         f, lib = ffi(), library()
@@ -35,12 +35,13 @@ def follow_slipping(
         grips = f.NULL
         if grip is not None:
             for table in tables:
-                row = grip(drive, table)
-                if row is None:
+                found = grip(drive, table)
+                if found is None:
                     return record, change
-                kept.append(row)
-                head = (1, row.shape[1], load(drive, table), 1.0, pointer(row), (0.0, 0.0, 0.0, 0.0))
-                kept.append(f.new("hil_grip_table *", head))
+                loads, row = found
+                step = float(loads[1] - loads[0]) if len(loads) > 1 else 1.0
+                head = (*row.shape[:2], float(loads[0]), step, pointer(row), (0.0, 0.0, 0.0, 0.0))
+                kept += [row, f.new("hil_grip_table *", head)]
             kept.append(f.new("hil_grip_table *[]", kept[2::2]))
             grips = kept[-1]
         kind = getattr(lib, body)
@@ -56,20 +57,10 @@ def follow_slipping(
     return follow
 
 
-def motion_of_slipping(drive: Drive, table: Array, record: Array, load: float) -> dict[str, Array]:
-    """The motion by name; `load` [N] on level ground."""
-    rim = table[drive.slots["radius"]] * record[:, 4]
-    floor = table[drive.slots["radius"]] * table[drive.slots["smoothing"]]
-    faster = np.maximum(np.maximum(np.abs(rim), np.abs(record[:, 5])), floor)
-    return {
-        "omega": record[:, 3],
-        "angle": record[:, 0],
-        "acceleration": record[:, 6],
-        "shell_rate": record[:, 4],
-        "shell_angle": record[:, 1],
-        "swing_angle": record[:, 0] - record[:, 1],
-        "swing_rate": record[:, 3] - record[:, 4],
-        "speed": record[:, 5],
-        "slip": (rim - record[:, 5]) / faster,
-        "load": np.full(len(record), load),
-    }
+def motion_of_slipping(drive: Drive, table: Array, record: Array, masses: Sequence[str]) -> dict[str, Array]:
+    """The motion by name, as `motion_of_swinging` has it, but for speed and slip."""
+    radius, speed = table[drive.slots["radius"]], record[:, 5]
+    rim = radius * record[:, 4]
+    faster = np.maximum(np.maximum(np.abs(rim), np.abs(speed)), radius * table[drive.slots["smoothing"]])
+    rolling = motion_of_swinging(drive, table, record[:, _AS_SWINGING], masses, 0.0)
+    return {**rolling, "speed": speed, "slip": (rim - speed) / faster}

@@ -10,7 +10,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.bodies import Drive
 from terrapin_hil.physics.compiled import ffi, library, pointer
 
-__all__ = ["SMOOTHING", "follow_swinging", "motion_of_swinging"]
+__all__ = ["SMOOTHING", "follow_swinging", "motion_of_swinging", "weight_of"]
 
 SMOOTHING: tuple[str, float | None] = ("rad/s", 0.05)  # of the sign of friction: sign(x) is tanh(x / smoothing)
 
@@ -55,5 +55,10 @@ def motion_of_swinging(
         "swing_rate": record[:, 2] - record[:, 3],
         "speed": table[drive.slots["radius"]] * record[:, 3] * (1.0 - slip),
         "slip": np.full(count, slip),
-        "load": np.full(count, sum(table[drive.slots[name]] for name in masses) * table[drive.slots["gravity"]]),
+        "load": np.full(count, weight_of(drive, table, masses)),
     }
+
+
+def weight_of(drive: Drive, table: Array, masses: Sequence[str]) -> float:
+    """The weight [N] of what the `masses` of a table of values sum to."""
+    return float(sum(table[drive.slots[name]] for name in masses) * table[drive.slots["gravity"]])

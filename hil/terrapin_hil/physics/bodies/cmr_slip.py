@@ -5,14 +5,11 @@ from terrapin_hil.physics.bodies import Body, Drive
 from terrapin_hil.physics.bodies.cmr import BODY as ROLLING
 from terrapin_hil.physics.slipping import follow_slipping, motion_of_slipping
 
-
-def _load(drive: Drive, table: Array) -> float:
-    masses = (table[drive.slots[name]] for name in ("shell_mass", "body_mass", "drive_mass"))
-    return float(sum(masses) * table[drive.slots["gravity"]])
+MASSES = ("shell_mass", "body_mass", "drive_mass")
 
 
 def _motion(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
-    return motion_of_slipping(drive, table, record, _load(drive, table))
+    return motion_of_slipping(drive, table, record, MASSES)
 
 
 def _channels(drive: Drive, table: Array, record: Array) -> dict[str, Array]:
@@ -25,7 +22,7 @@ BODY = Body(
     parameters={**ROLLING.parameters, "mu": ("1", None), "s_k": ("1", None)},
     inputs=("voltage",),
     channels={"omega": "rad/s", "current": "A", "swing_angle": "rad", "speed": "m/s"},
-    follow=follow_slipping("HIL_SLIPPING_CYLINDER", _load),
+    follow=follow_slipping("HIL_SLIPPING_CYLINDER"),
     motion=_motion,
     read=_channels,
     swings="arm",
