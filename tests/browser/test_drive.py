@@ -156,7 +156,7 @@ def test_a_page_that_is_closed_drives_no_more(robot: Page, server: Server, brows
     context.close()
     expect(robot.locator("[data-tile=Faults]")).to_contain_text("command_timeout")
     expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")
-    expect(robot.locator(".event", has_text="no more commands")).to_be_visible()
+    expect(robot.locator(".event", has_text="no more commands").first).to_be_visible()
     robot.get_by_role("button", name="Clear faults").click()
     expect(robot.locator("[data-tile=Faults]")).to_contain_text("none")
 
