@@ -45,6 +45,16 @@ if __name__ == "__main__":
     except Stopped:
         print("stopped", interrupts)
 """
+# A thread that ends with the program has given a lock back, and has not yet said so to what keeps count of them.
+UNSAID = """
+from joblib.externals.loky.backend import resource_tracker
+from terrapin_tools.workbench.fleet.pool import pool
+
+if __name__ == "__main__":
+    with pool(2, "") as workers:
+        workers.submit(time.sleep, 0.0).result()
+        resource_tracker.register("/loky-given-back", "semlock")
+"""
 FIT = """
 from concurrent.futures import ThreadPoolExecutor
 from types import SimpleNamespace
@@ -73,6 +83,13 @@ def test_a_signal_on_the_way_into_a_lock_leaves_it_free(tmp_path: Path, work: st
     script.write_text(INTERRUPTED + work)
     ended = subprocess.run([sys.executable, script, str(number.value)], capture_output=True, text=True, timeout=BOUND)
     assert (ended.returncode, ended.stdout, ended.stderr) == (0, "stopped 1\n", "")
+
+
+def test_a_lock_that_is_given_back_and_not_told_is_no_news(tmp_path: Path) -> None:
+    script = tmp_path / "unsaid.py"
+    script.write_text("import time\n" + UNSAID)
+    ended = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=BOUND)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (0, "", "")
 
 
 def test_signals_wait_and_handlers_come_back() -> None:

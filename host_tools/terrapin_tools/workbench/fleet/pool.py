@@ -8,6 +8,7 @@ Linear algebra in the processes runs on one thread. Whoever submits keeps no mor
 
 from __future__ import annotations
 
+import os
 import signal
 import threading
 import time
@@ -27,6 +28,8 @@ __all__ = ["POLL", "Done", "Future", "Lost", "Pool", "fingerprint", "pool"]
 
 POLL = 0.005  # s between looks at what is done
 IDLE = 60.0  # s after which a worker without work ends, so that none outlives a killed parent for long
+# A thread that ends with the program has given a lock back and not yet told who keeps count: no news.
+TRACKED = "ignore:resource_tracker"
 CONNECT = 10.0  # s for a cluster to answer
 
 
@@ -123,12 +126,6 @@ def _deaf_children() -> Iterator[None]:
     if threading.current_thread() is not threading.main_thread():
         yield  # only the main thread may say so
         return
-    from multiprocessing import resource_tracker as standard_tracker
-
-    from joblib.externals.loky.backend import resource_tracker
-
-    resource_tracker.ensure_running()  # loky starts both with its first process, and each lifts the mask when it starts
-    standard_tracker.ensure_running()
     with later():
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -195,9 +192,28 @@ class _Processes:
                 self.executor.shutdown(wait=True, kill_workers=True)
 
 
+def _keep_count() -> None:
+    """Start who keeps count of locks, quiet: each lifts the mask of signals at its start, so before any worker."""
+    from multiprocessing import resource_tracker as standard_tracker
+
+    from joblib.externals.loky.backend import resource_tracker
+
+    before = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = TRACKED
+    try:
+        resource_tracker.ensure_running()
+        standard_tracker.ensure_running()
+    finally:
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
+
+
 def _executor(jobs: int) -> Any:
     from joblib.externals.loky import ProcessPoolExecutor
 
+    _keep_count()
     return ProcessPoolExecutor(jobs, timeout=IDLE, initializer=_start_worker, env={"OPENBLAS_NUM_THREADS": "1"})
 
 
