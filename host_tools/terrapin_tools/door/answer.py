@@ -39,7 +39,7 @@ class Answer:
 
     @property
     def missing(self) -> tuple[Effect, ...]:
-        """What the model lacks, for `Case.add`; none for an answer of compare."""
+        """What the model lacks, what takes most first, for `Case.add`; none for an answer of compare."""
         found = self._story.found
         if found is None:
             return ()

@@ -147,7 +147,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, bef
     kept = paying(ranker, list(unlike.values()))
     if analysis.missing and (same := twins(ranker, kept, unlike)):
         kept = paying(ranker, [*unlike.values(), *same])
-    ranked = _merged(ranker, kept)
+    ranked = [_largest_first(h) for h in _merged(ranker, kept)]
     logs = np.array([h.log_weight for h in ranked])
     shown = list(dict.fromkeys(n for h in ranked[:SHOWN] for n in h.effects if n in ranker.sketches))
     lone = [ranker.weighed((name,)) for name in shown]
@@ -227,6 +227,20 @@ def _merged(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 ranked.remove(other)
                 h = ranked[place] = replace(h, log_weight=float(np.logaddexp(h.log_weight, other.log_weight)))
     return sorted(ranked, key=lambda h: -h.log_weight)
+
+
+def _largest_first(one: Hypothesis) -> Hypothesis:
+    """Its terms in the order of what they take: the squares that each would leave to noise and all other parameters."""
+    if one.fit is None or len(one.effects) < 2:
+        return one
+    slopes = one.fit.jacobian.reshape(-1, len(one.fit.theta))
+    freedom = np.diag(np.linalg.pinv(slopes.T @ slopes, hermitian=True))
+    taken: dict[str, float] = {}
+    for size, free, value in zip(one.fit.model.fitted, freedom, one.fit.theta, strict=True):
+        if size.effect is not None and size.effect not in taken:  # the first parameter of each is its size
+            taken[size.effect] = float(value**2 / free) if free > 0.0 else 0.0
+    # without one: a fault of the table, which changes what all others read
+    return replace(one, effects=tuple(sorted(one.effects, key=lambda name: -taken.get(name, np.inf))))
 
 
 def _columns(ranker: Ranker, one: Hypothesis) -> frozenset[str]:
