@@ -42,10 +42,13 @@ def in_a_program(text: str, arguments: Collection[str] = ()) -> str:
     "run.toml: found 'sphere', expected 'cylinder': name it with robot="
     >>> in_a_program("--soil: found 'mud', expected one of sand", ["soil"])
     "soil: found 'mud', expected one of sand"
+    >>> in_a_program("--effect: found 'mud', expected one of sinkage", ["effects"])
+    "effects: found 'mud', expected one of sinkage"
     """
 
     def argument(found: re.Match[str]) -> str:
         name, value = found[1].replace("-", "_"), found[2]
+        name = name if name in arguments else f"{name}s"  # an option that is given once for each of several
         if name not in arguments:
             return found[0]
         if value:

@@ -314,6 +314,9 @@ def test_a_log_is_complained_about_in_the_words_of_a_program(tmp_path: Path) -> 
         ((tmp_path / "empty", *logs), {}, r"expected a run's folder \(Session\(\.\.\., log=FOLDER\)\)"),
         (logs, {}, "expected at least one; span= makes rows"),
         (logs, {"robot": "ship"}, "ship"),
+        (logs, {"soil": "dry_sand_li"}, "^soil: found a cylinder"),
+        (logs, {"span": -1.0}, "^span: found -1, expected 0.02 to 10 s"),
+        (logs, {"effects": ["draag"]}, "^effects: found 'draag', expected one of .*drag"),
         (logs, {}, r"found 'sphere', expected 'cylinder': name it with robot="),
     ):
         if "sphere" in expected:

@@ -55,25 +55,13 @@ def runs(
 
     terrapin case runs out/runs/* --to out/case --robot sphere --soil dry_sand_li --effect bulldozing --after 15
     """
-    from terrapin_hil.physics.effects import catalogue
-    from terrapin_tools.workbench.robot.runs import base_of_logs, read_run, write_case
+    from terrapin_tools.workbench.robot.runs import check_asked, read_run, write_case
     from terrapin_tools.workbench.robot.steady_states import PITCH_ERROR
 
-    base = base_of_logs()
-    rolls = "slip" in base.needs
-    if span is not None and rolls:
-        raise UserError("--span: found a sphere, expected a cylinder: a sphere's rows are its steady states")
-    if soil and not rolls:
-        raise UserError("--soil: found a cylinder, expected a sphere")
+    check_asked(effect or [], span, soil)
     zero = PITCH_ERROR if pitch_error is None else pitch_error
     if not 0.0 < zero <= 0.1:
         raise UserError(f"--pitch-error: found {zero:g}, expected more than 0, up to 0.1 rad")
-    if span is not None and not 0.02 <= span <= 10.0:
-        raise UserError(f"--span: found {span:g}, expected 0.02 to 10 s")
-    known = [name for name, found in catalogue().items() if base.takes(found)]
-    for name in effect or []:
-        if name not in known:
-            raise UserError(f"--effect: found {name!r}, expected one of {', '.join(known)}")
     read = [read_run(folder, after, before, span, zero) for folder in folders]
     print(write_case(to, read, title, effect or [], soil))
 

@@ -23,7 +23,7 @@ from terrapin_tools.workbench.files.format import Ambiguous, meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.new_case.from_columns import document_of
 from terrapin_tools.workbench.new_case.from_tables import split_unit
-from terrapin_tools.workbench.robot.runs import read_run, write_case
+from terrapin_tools.workbench.robot.runs import check_asked, read_run, write_case
 
 __all__ = ["case_of", "case_of_runs", "table_of"]
 
@@ -205,6 +205,7 @@ def case_of_runs(
     """See `terrapin_tools.Case.from_log`."""
     if robot:
         select(robot)
+    check_asked(effects, span, soil)
     runs = [read_run(Path(getattr(log, "path", log)), after, before, span) for log in logs]
     with tempfile.TemporaryDirectory() as scratch:
         write_case(Path(scratch), runs, title, effects, soil)

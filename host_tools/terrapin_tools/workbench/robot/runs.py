@@ -31,6 +31,7 @@ import tomlkit
 from terrapin_hil.arrays import Array
 from terrapin_hil.messages import Interface, interface
 from terrapin_hil.physics import soils
+from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.reading import parse_toml
 from terrapin_hil.robots import selected
 from terrapin_hil.telemetry import si_factor
@@ -78,6 +79,22 @@ class Run:
 def base_of_logs() -> Base:
     """The base model of what this process' robot logs."""
     return rolling_sphere.BASE if selected().kind == "sphere" else rolling_steady.BASE
+
+
+def check_asked(effects: Sequence[str], span: float | None, soil: str) -> None:
+    """UserError unless runs of this process' robot have what is asked for, and its base the effects."""
+    base = base_of_logs()
+    rolls = "slip" in base.needs
+    if span is not None and rolls:
+        raise UserError("--span: found a sphere, expected a cylinder: a sphere's rows are its steady states")
+    if soil and not rolls:
+        raise UserError("--soil: found a cylinder, expected a sphere")
+    if span is not None and not 0.02 <= span <= 10.0:
+        raise UserError(f"--span: found {span:g}, expected 0.02 to 10 s")
+    known = [name for name, found in catalogue().items() if base.takes(found)]
+    for name in effects:
+        if name not in known:
+            raise UserError(f"--effect: found {name!r}, expected one of {', '.join(known)}")
 
 
 def _parameters(folder: Path, description: Interface) -> dict[str, float]:
