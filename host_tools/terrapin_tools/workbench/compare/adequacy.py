@@ -23,7 +23,7 @@ from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import Noise
 from terrapin_tools.workbench.noise.kinds import NODES, Node
 from terrapin_tools.workbench.noise.log_sums import logsumexp
-from terrapin_tools.workbench.noise.marginal_likelihood import STATED
+from terrapin_tools.workbench.noise.marginal_likelihood import LIKELY, STATED
 from terrapin_tools.workbench.noise.mishaps import Mishap
 
 __all__ = ["Adequacy", "Failure", "assess", "failure_on", "where_it_fails"]
@@ -32,7 +32,6 @@ SETS = 400  # simulated sets of noise; chosen by hand: a p-value of 0.05 is know
 MARGIN = 6.0  # of gain: strong evidence on the scale of the Bayesian information criterion (Kass & Raftery 1995)
 MARGIN_OF_LEVEL = 1.2  # on p: the kind of noise is estimated; without it 42 of 622 sets of AR(1) had p below 0.05
 TINY = 1e-300  # p-values below this are as good as 0, and have no logarithm
-LIKELY = 1e-3  # posterior, with or without something missing, from which a kind of noise is simulated; chosen by hand
 ENOUGH = 30  # degrees of freedom below which a stated sd is needed to tell noise from effects; chosen by hand
 ROUNDING = 1e-2  # noise sd below which a misfit is that of rounding, and has no scale of its own; chosen by hand
 STRETCH = 0.7  # of the rows, at most, that a range has of which it is said that the model fails there; chosen by hand

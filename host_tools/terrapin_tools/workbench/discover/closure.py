@@ -15,7 +15,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.discover.expression_answers import pairs_beside, paying
-from terrapin_tools.workbench.discover.leftover import absent
+from terrapin_tools.workbench.discover.leftover import SAME, absent
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
@@ -23,12 +23,8 @@ __all__ = ["neighbours", "twins"]
 
 CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
 CENTRES = 6  # answers whose neighbours are looked at, or as many more that lead in turn; chosen by hand, for time
-REFITS = 60  # from which only what leads has neighbours; chosen by hand, for time
-ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
-WITH_TWINS = 3  # answers of which twins are looked for at the end; chosen by hand, for time
-UNTOLD = 2.0  # squared distance of two predictions [noise sd] that nobody can see
 TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
 BESIDE = 6  # members of answers beside which pairs of formulas are looked for; chosen by hand, for time
 PAIRS = 2  # of them that are refitted; chosen by hand, for time
@@ -40,7 +36,6 @@ MOST = (4, 3)  # terms of an answer, and expressions among them: a person shall 
 def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Answers next to the best of those found, refitted; without those found already."""
     known = {frozenset(h.effects): h for h in found if h.fit is not None}
-    begun = len(known)
     new: list[Hypothesis] = []
     looked_at: set[frozenset[str]] = set()
     beside: set[str] = set()
@@ -60,12 +55,12 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
         if not waiting:
             break
         centre = max(waiting, key=lambda h: h.log_weight)
-        if (len(looked_at) >= CENTRES or len(known) - begun > REFITS) and centre.log_weight < best:
+        if len(looked_at) >= CENTRES and centre.log_weight < best:
             break  # what lies next to the best is looked at in any case
         if _is_body(ranker):
             assert centre.fit is not None
             here = centre.fit.model.bind(ranker.case.inputs, ranker.rows).predict(centre.fit.theta)
-            if any((((here - one) / ranker.sigma[:, None]) ** 2).sum() < UNTOLD for one in curves):
+            if any((((here - one) / ranker.sigma[:, None]) ** 2).sum() < SAME for one in curves):
                 twins_of.add(frozenset(centre.effects))  # what lies next to it lies next to the other one
                 continue
             curves.append(here)
@@ -112,7 +107,7 @@ def twins(ranker: Ranker, ranked: Sequence[Hypothesis], known: Container[frozens
     """The best answers, likeliest first, with a member exchanged for an effect that does the same on these data;
     without those known already."""
     found: dict[frozenset[str], Hypothesis] = {}
-    leading = [h for h in ranked if h.effects and h.log_weight > ranked[0].log_weight - CLOSE][:WITH_TWINS]
+    leading = [h for h in ranked if h.effects and h.log_weight > ranked[0].log_weight - CLOSE]
     for centre in leading:
         if centre.fit is None or absent(centre.fit, centre.effects) or not ranker.sound(centre.fit, centre.effects):
             continue
@@ -141,7 +136,7 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         wrong = member in ranker.faults
         beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, member)
         promised = centre.log_weight - ranker.log_prior(centre.effects)
-        found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
+        found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, (0, 0), promised)]
         found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]
         found += [(*rest, *names) for names in _unfolded(ranker, centre, member)]
     if len(centre.effects) < MOST[0]:

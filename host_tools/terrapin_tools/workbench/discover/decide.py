@@ -17,7 +17,7 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, error
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import calibrated
-from terrapin_tools.workbench.discover.leftover import absent, left, noise_left
+from terrapin_tools.workbench.discover.leftover import SAME, absent, left, noise_left
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import ONE, Blamed, Ranking
 from terrapin_tools.workbench.discover.unexplained import curves
@@ -28,7 +28,6 @@ from terrapin_tools.workbench.noise.mishaps import KINDS
 
 __all__ = ["Class", "Decision", "Weight", "aliases", "classes", "decide", "weights", "with_curves"]
 
-SAME = 2.0  # squared distance of two predictions [noise sd] that nobody can see
 BEHIND = 0.1  # of the likeliest member's probability that another name of its class has at least
 BESIDE = 0.2  # of it that a formula has at least, to be told beside an effect whose size is very unusual
 ALONE = 0.7  # of the mass of all sets from which one class is told alone

@@ -18,7 +18,7 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.zero_points import ZERO
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
-from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
+from terrapin_tools.workbench.discover.ranker import WITHIN, Hypothesis, Ranker
 from terrapin_tools.workbench.formulas.expressions import Sketch, library
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
@@ -32,7 +32,6 @@ OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and anoth
 INSTEAD = 4  # likeliest terms around the best refit; chosen by hand, for time
 POOL = 220  # expressions of which all pairs are judged; chosen by hand, for time
 OF_EACH_COLUMN = 8  # of them at least, in the order of their evidence; chosen by hand
-WITHIN = 12.0  # log weight behind the best beyond which none is asked whether it pays; chosen by hand, for time
 PAIRS_REFITTED = (6, 4)  # pairs of expressions, and of one with an effect; chosen by hand, for time
 
 

@@ -45,6 +45,7 @@ __all__ = [
 # of half a noise sd. Both chosen by hand.
 CLEARLY = 50.0
 FLOOR = np.sqrt(1.25)
+SAME = 2.0  # squared distance of two predictions [noise sd] that nobody can see
 SETTINGS = 6  # that are repeated in several runs, to ask what they have in common; chosen by hand
 PULLED = 9.0  # of its variance that a parameter at its bound would gain beyond it: three sd, as usual
 RESTLESS = 2.0  # times the scatter from row to row that what is left may be, of white noise: 1; chosen by hand

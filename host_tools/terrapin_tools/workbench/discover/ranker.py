@@ -27,7 +27,9 @@ from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["Found", "Hypothesis", "Ranker", "by_effect"]
+__all__ = ["WITHIN", "Found", "Hypothesis", "Ranker", "by_effect"]
+
+WITHIN = 12.0  # log weight behind the best beyond which nothing is refitted: a posterior of 6e-6; chosen by hand
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
-from terrapin_tools.workbench.discover.ranker import Found, Hypothesis, Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import WITHIN, Found, Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.formulas.expressions import read_by
 from terrapin_tools.workbench.model.effect_columns import Shape
@@ -32,12 +32,8 @@ from terrapin_tools.workbench.noise.mishaps import KINDS
 __all__ = ["ONE", "Blamed", "Hypothesis", "Ranking", "rank"]
 
 PAIRS_REFITTED = 12  # pairs at most; chosen by hand, for time
-PAIRS_ANYWAY = 6  # of them, however far behind they look around the present fit; chosen by hand
-PAIRS_LOOKED_AT = 40  # likeliest pairs from which these are taken; chosen by hand, for time
-WORTH_A_REFIT = 0.0  # log evidence that a second effect must add to be refitted: any
 PAIRS_FROM = 3  # best single effects that a second one is tried on once more; chosen by hand
 UNSEEN = 1.0  # log weight by which a pair that was not refitted stays behind the best; chosen by hand
-WITHIN = 12.0  # log evidence behind the best beyond which no set is refitted: a posterior of 6e-6; chosen by hand
 FEWEST_RUNS = 4  # from which a mishap of one of them differs from the rest; chosen by hand
 ONE = 1e-3  # squared distance of two predictions [noise sd] below which they are one curve
 LISTED = 0.5  # share of all that may be wrong, from which a mishap or a curve is named, or a run among odd ones
@@ -181,16 +177,13 @@ def _pairs(
     by_promise = sorted(promise, key=lambda n: -promise[n])
     found: list[Hypothesis] = []
     refitted = 0
-    for place, names in enumerate(
-        list(dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))))[:PAIRS_LOOKED_AT]
-    ):
-        anyway = place < PAIRS_ANYWAY and ranker.analysis.missing
-        if promise[names] + prior < best - WITHIN and not anyway:
+    for names in dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))):
+        if promise[names] + prior < best - WITHIN:
             continue
         ordered = tuple(sorted(names, key=order.index))
         member = max(names, key=lambda n: average[n,])
         gain = average[names] - average[member,]  # a promise far from the present fit may not be kept: it earns a refit
-        if max(gain, onward.get(names, gain)) < WORTH_A_REFIT or refitted == PAIRS_REFITTED:
+        if max(gain, onward.get(names, gain)) < 0.0 or refitted == PAIRS_REFITTED:
             # the second adds nothing to the first: its price is known without a refit
             found.append(Hypothesis(ordered, "catalogue", min(alone[member] + gain + prior, best - UNSEEN)))
             continue

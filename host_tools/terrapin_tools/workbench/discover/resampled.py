@@ -17,6 +17,7 @@ from scipy.special import log_ndtr
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, measured
+from terrapin_tools.workbench.discover.decide import QUESTION
 from terrapin_tools.workbench.discover.ranking import Hypothesis, Ranking
 from terrapin_tools.workbench.model.linearised import Linear, linearise
 from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
@@ -26,7 +27,6 @@ from terrapin_tools.workbench.noise.marginal_likelihood import SIZES
 
 __all__ = ["Selected", "Sums", "selection"]
 
-CHANCE = 1e-6  # posterior from which an answer takes part; chosen by hand
 ANSWERS = 24  # that take part at most; chosen by hand, for time
 
 
@@ -63,7 +63,7 @@ def selection(analysis: Analysis, ranking: Ranking, draws: int, seed: int) -> tu
         if (
             hypothesis.kind == "part"
             or fit is None
-            or (posterior < CHANCE and hypothesis.kind != "nothing")
+            or (posterior < QUESTION and hypothesis.kind != "nothing")
             or len(taking_part) == ANSWERS
         ):
             continue

@@ -20,7 +20,7 @@ from terrapin_tools.workbench.bases import ROLES, formula_name, free_name
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.formulas.periods import waves
 from terrapin_tools.workbench.formulas.vocabulary import LOWEST, Scale, Term, factors, product_text, shapes, targets
-from terrapin_tools.workbench.model.effect_columns import acting
+from terrapin_tools.workbench.model.effect_columns import DUPLICATE, acting
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
@@ -37,9 +37,7 @@ UNSEEN = 2.0
 COLUMNS = 24  # columns of the data that are looked at, roles first; chosen by hand, for time
 LIMIT = 6000  # expressions; chosen by hand, for time and memory
 WEIGHED = 300  # of them in every kind of noise; chosen by hand, for time
-# Correlation, beyond what the model can absorb, above which an expression is a catalogued effect. Chosen by hand.
-DUPLICATE = 0.9995
-SAME = 0.9999  # the same between two expressions; chosen by hand
+SAME = 0.9999  # correlation, beyond what the model can absorb, above which two expressions are one; chosen by hand
 # Of a shape or factor: sd over mean below which the column that it depends on hardly varies. By hand.
 HARDLY = 0.15
 TOGETHER = 2  # columns that do the same of which an expression is kept beside that of the likeliest; by hand
@@ -51,7 +49,6 @@ NEAR = 0.999  # less than this with a probability below 1e-12
 LOWEST_OF_STATES = 0.1
 UNMAPPED_COST = 0.5  # prior factor of a column that the case does not map; chosen by hand
 IDLE_COST = 0.05  # of one that hardly varies, too: a room's temperature stands for a constant; chosen by hand
-CONSTANT_COST = 1.0  # prior factor of an expression that depends on no column but the direction: none; by hand
 FOUND = "the measurements themselves: valid inside their range only"  # source of an expression
 SCALE_COST = 1.5  # log evidence taken off a refit for each scale that it could choose; chosen by hand
 
@@ -125,7 +122,7 @@ def library(
     if left is not None and case.dynamics is None:
         for name, v in values.items():
             terms[name] += waves(name, v, units[name], left, case.inputs)
-    drawn = _Drawn(case, int(rows.sum()), values, {**terms, "": [Term("", {}, CONSTANT_COST)]}, own)
+    drawn = _Drawn(case, int(rows.sum()), values, {**terms, "": [Term("", {}, 1.0)]}, own)
     for target, prior in targets(case):
         if (target not in case.base.parameters or case.parameters.get(target, 1.0)) and len(drawn.sketches) <= LIMIT:
             drawn.add(target, prior, acting(model, theta, target, rows, sigma))

@@ -28,7 +28,7 @@ __all__ = [
     "numeric_columns",
 ]
 
-GRID_LIMIT = 300
+GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
 DEGREE = 3  # of the polynomials in a column
 AT_ONCE = 10  # effects that are looked at beside one motion; more would slow each of its steps
 

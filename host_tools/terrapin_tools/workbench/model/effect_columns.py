@@ -24,7 +24,7 @@ from terrapin_tools.workbench.model.model import Model
 
 __all__ = ["Shape", "acting", "loudness", "response", "shapes_of", "shapes_of_each", "terms_of", "varying_parameters"]
 
-SAME = 0.9995  # correlation above which two shapes of one effect are one
+DUPLICATE = 0.9995  # correlation above which two shapes of one effect are one
 
 
 @dataclass(frozen=True)
@@ -201,7 +201,7 @@ def _shapes(look: _Look, changes: Array) -> list[Shape]:
             continue
         columns = (block / size).reshape(-1, block.shape[-1])
         flat = columns.reshape(-1) / np.sqrt((columns * columns).sum())
-        if any(abs(float(flat @ other)) > SAME for other in units):
+        if any(abs(float(flat @ other)) > DUPLICATE for other in units):
             continue
         units.append(flat)
         low, high = sorted(((first.minimum - origin) * size, (first.maximum - origin) * size))

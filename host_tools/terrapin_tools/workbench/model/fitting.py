@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
-from terrapin_tools.workbench.model.data_columns import is_phase
+from terrapin_tools.workbench.model.data_columns import GRID_LIMIT, is_phase
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.kinds import Node
@@ -41,7 +41,6 @@ OFF, HALVED = 2.0, 6
 SCREENED = 4  # starts kept of an effect's grid
 UNSEEN = 1e-12  # of the largest curvature: less is none
 KEPT = 6  # evaluations
-GRID_LIMIT = 300  # combinations of an effect's grid that are looked at
 
 
 @dataclass(frozen=True)
