@@ -224,7 +224,7 @@ def test_what_lies_next_to_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     assert near(_answer("a b", 4.0)) == ["b", "a", "b new", "b line one", "a new", "a bent", "a b new"]
     both = ("a", "b")
     assert asked == [
-        (("a b", "a"), both, (0, 0), 8.0), (("a b", "b"), both, (0, 0), 8.0),
+        (("a b", "a"), both, (3, 2), 8.0), (("a b", "b"), both, (3, 2), 8.0),
         (("a b", ""), both, (1, 1), -7.0),
     ]  # fmt: skip
     assert near(_answer("c", 4.0)) == ["new", "c new"]

@@ -23,6 +23,7 @@ __all__ = ["neighbours", "twins"]
 
 CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
 CENTRES = 6  # answers whose neighbours are looked at, or as many more that lead in turn; chosen by hand, for time
+ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
 TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
@@ -136,7 +137,7 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         wrong = member in ranker.faults
         beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, member)
         promised = centre.log_weight - ranker.log_prior(centre.effects)
-        found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, (0, 0), promised)]
+        found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
         found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]
         found += [(*rest, *names) for names in _unfolded(ranker, centre, member)]
     if len(centre.effects) < MOST[0]:
