@@ -23,6 +23,32 @@ def test_every_effect_shows_its_shape(capsys: pytest.CaptureFixture[str], name: 
     assert shape_of(catalogue()[name]).variable in plot[-1]
 
 
+ACTS = {  # of an equation's first, where a name is of both
+    "stribeck": ["is added to channel", "adds a resisting torque [N m]"],
+    "gain": ["multiplies channel by 1 + it"],
+    "heating": ["multiplies parameter by 1 + it"],
+    "offset": ["is added to the measured channel"],
+    "sensor_lag": ["sends the channel through a low-pass of first order with it as the time constant"],
+    "backlash": ["is added to channel", "lets the encoder follow through a gap of it [rad]"],
+    "sensor_delay": ["makes every channel late by it [s]"],
+    "encoder_misalignment": ["is the error [rad] of the angle that the encoder measures"],
+    "split_ground": ["is added to encoder"],
+    "motor_heating": ["multiplies torque_constant by 1 + it"],
+}
+
+
+@pytest.mark.parametrize("name", ACTS)
+def test_it_says_what_an_effect_acts_on(capsys: pytest.CaptureFixture[str], name: str) -> None:
+    _, out, _ = terrapin(capsys, "effects", name)
+    assert [line[14:] for line in out.splitlines() if line.startswith("  acts ")] == ACTS[name]
+
+
+def test_the_simulator_has_no_switch_for_an_effect_of_a_table(capsys: pytest.CaptureFixture[str]) -> None:
+    _, out, _ = terrapin(capsys, "effects", "viscous_friction")
+    said = [line[14:] for line in out.splitlines() if line.startswith("  simulator ")]
+    assert said == ["has no switch for it", "can switch it on"]
+
+
 def test_the_shape_is_the_formula() -> None:
     """Written out a second time."""
     stribeck = shape_of(catalogue()["stribeck"])

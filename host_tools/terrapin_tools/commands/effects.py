@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 __all__ = ["effects"]
 
 
-CHANNELS = ("current", "traction", "torque", "sinkage")
+CHANNELS = ("current", "traction", "torque", "sinkage", "channel", "encoder")  # encoder: the rates that it measures
+EQUATION = ("equation",)  # the base model whose effects are those of mechanics
 ACTS = {
     "gain": "multiplies {} by 1 + it",
     "measured": "is added to the measured {}",
@@ -27,6 +28,12 @@ FORCES = {
     "resistance": "adds a resisting torque [N m]",
     "drag": "adds a resisting force X [N]: traction - X, torque - R X",
     "axle": "adds a force X [N] at the axle: traction - X, and no torque",
+}
+TRANSFORMS = {  # of bodies over time, and the lag of an equation: what is measured goes through it
+    "delay": "makes every channel late by it [s]",
+    "play": "lets the encoder follow through a gap of it [rad]",
+    "angle": "is the error [rad] of the angle that the encoder measures",
+    "lag": "sends the channel through a low-pass of first order with it as the time constant",
 }
 
 
@@ -91,14 +98,12 @@ def _list(known: dict[str, Effect]) -> None:
 
 
 def _explain(effect: Effect) -> str:
-    how = effect.stage if effect.target in CHANNELS else "channel" if effect.additive else "gain"
-    acts = FORCES.get(effect.target) or ACTS[how].format(effect.target)
     lines = [
         f"{effect.name}: {effect.title}",
         f"  equation    {effect.equation}",
         f"  source      {effect.source}",
         f"  formula     {effect.expression}",
-        f"  acts        {acts}",
+        f"  acts        {_acts(effect)}",
         f"  on          {', '.join(effect.bases)}",
     ]
     needs = [" or ".join(group) for group in effect.needs]
@@ -109,9 +114,17 @@ def _explain(effect: Effect) -> str:
         lines.append(f"  parameter   {p.name} [{p.unit}]: {p.meaning} ({bounds}{whole})")
     for option, default in effect.options.items():
         lines.append(f"  option      {option} ({'true' if default else 'false'} unless [parameters] says otherwise)")
-    lines.append(f"  simulator   {'can switch it on' if effect.plant else 'has no switch for it'}")
+    switch = effect.plant and effect.bases != EQUATION  # that is of a table's columns, and no robot's
+    lines.append(f"  simulator   {'can switch it on' if switch else 'has no switch for it'}")
     lines.append(f"  controller  {', '.join(effect.firmware) or 'does not compensate it'}")
     return "\n".join(lines)
+
+
+def _acts(effect: Effect) -> str:
+    if effect.transform in TRANSFORMS and (effect.bases != EQUATION or effect.transform == "lag"):
+        return TRANSFORMS[effect.transform]
+    how = effect.stage if effect.target in CHANNELS else "channel" if effect.additive else "gain"
+    return FORCES.get(effect.target) or ACTS[how].format(effect.target)
 
 
 def _bound(value: float) -> str:
