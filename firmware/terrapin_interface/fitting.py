@@ -153,13 +153,16 @@ def _name_board(enums: Mapping[str, Any], robot: Robot) -> None:
 def _fit_ceilings(
     ceilings: Mapping[str, Any], parameters: Mapping[str, Any], cylinders: Mapping[str, Any], robot: Robot
 ) -> None:
-    """Ratings of the cylinder's parts in proportion: as far from the robot's own values as from the cylinder's."""
+    """Ratings of the cylinder's parts in proportion: as far from the robot's own values as from the cylinder's.
+
+    One that is beyond the parameter's range, which follows from the full scales, narrows nothing.
+    """
     for name, ceiling in ceilings.items():
         own, cylinder = parameters[name]["default"], cylinders[name]["default"]
         if own != cylinder:
-            for end in ("min", "max"):
+            for end, nearer in (("min", max), ("max", min)):
                 if end in ceiling:
-                    ceiling[end] = round(ceiling[end] * own / cylinder)
+                    ceiling[end] = nearer(round(ceiling[end] * own / cylinder), parameters[name][end])
             ceiling["part"] = f"{robot.name}: in proportion to the cylinder's ({ceiling['part']})"
 
 

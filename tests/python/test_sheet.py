@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from terrapin_interface.description import load
 from terrapin_interface.robot import load_robot, read_robot
 from terrapin_tools.commands import robot as command
 from terrapin_tools.errors import UserError
@@ -29,6 +31,30 @@ def test_the_motors_constants_are_those_of_the_sheet() -> None:
     motor = motor_of(read(speed_only))
     assert motor.resistance == pytest.approx(24.0 / 39.3)
     assert motor.torque_constant == pytest.approx((24.0 - 24.0 / 39.3 * 0.164) / (8810 * 0.104719755))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [("kv", "369 1/min/V"), ("kv", "369 min^-1/V"), ("kv", "369 min-1/V"), ("no_load_speed", "8810 1/min")],
+)
+def test_a_minutes_turns_are_rpm(name: str, text: str) -> None:
+    """As German sheets print them."""
+    rpm = text.replace("1/min", "rpm").replace("min^-1", "rpm").replace("min-1", "rpm")
+    assert read({**RE30, name: text}) == read({**RE30, name: rpm})
+    assert read({**RE30, name: text})[name] == pytest.approx(float(text.split()[0]) * 2.0 * math.pi / 60.0)
+    with pytest.raises(UserError, match=rf"^--{name.replace('_', '-')}: found '3 1/min/s', expected a number in rad"):
+        read({**RE30, name: "3 1/min/s"})
+
+
+@pytest.mark.parametrize("supply", [12, 16, 18, 22, 30, 36, 48])
+def test_every_usual_supply_is_taken(supply: int, tmp_path: Path) -> None:
+    """A part's rating is a fifth above 85 % of it, which may be beyond the full scale; it then narrows nothing."""
+    given = {**RE30, "supply": f"{supply} V", "sheet_voltage": "24 V"}
+    text = suiting_text(tmp_path / "mine.toml", read(given))
+    found = load(robot=read_robot(text, tmp_path / "mine.toml"))
+    limit = next(p for p in found.parameters if p.name == "voltage_limit")
+    assert limit.default == pytest.approx(min(850 * supply, 32000), abs=60)
+    assert limit.maximum == min(round(1.2 * limit.default), 16000 if limit.default <= 16000 else 32000)
 
 
 def test_what_a_sheet_says_at_the_output_goes_through_the_gear() -> None:

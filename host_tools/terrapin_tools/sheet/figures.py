@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -115,10 +116,12 @@ def _shown(figure: Figure) -> str:
 
 
 def _number(name: str, text: str, figure: Figure) -> float:
+    turns = re.sub(TURNS, "rpm", text) if figure.unit.startswith("rpm") else text
     try:
-        value = parse_quantity(text, "1" if figure.unit == "1" else SI[figure.unit])
+        value = parse_quantity(turns, "1" if figure.unit == "1" else SI[figure.unit])
     except QuantityError as error:
-        raise UserError(f"{option(name)}: {error}: {_shown(figure)}") from None
+        said = str(error).replace(repr(turns), repr(text))
+        raise UserError(f"{option(name)}: {said}: {_shown(figure)}") from None
     if not 0.0 < value < 1e9:
         raise UserError(f"{option(name)}: found {text!r}, expected more than 0: {_shown(figure)}")
     return value
@@ -126,3 +129,4 @@ def _number(name: str, text: str, figure: Figure) -> float:
 
 SI = {unit: unit for unit in ("m", "kg", "V", "A", "ohm", "H", "N m", "N m/A", "kg m^2")}
 SI |= {"rpm": "rad/s", "rpm/V": "rad/V s"}
+TURNS = r"\b1/min\b|\bmin\^?-1"  # as sheets print rpm
