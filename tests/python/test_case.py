@@ -13,6 +13,7 @@ from casekit import ROLLING, rolling, terrapin
 
 from terrapin_hil import reading
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases.kinds import names
 from terrapin_tools.workbench.case import changes
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.files import format, times, units
@@ -20,7 +21,7 @@ from terrapin_tools.workbench.story import notes
 
 
 def test_docstring_examples() -> None:
-    for module in (reading, format, times, units, changes, notes):
+    for module in (reading, format, times, units, changes, names, notes):
         assert doctest.testmod(module).failed == 0
 
 

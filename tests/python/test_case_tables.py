@@ -45,6 +45,70 @@ def test_roles_are_guessed_by_words_and_never_against_the_unit() -> None:
     }  # fmt: skip
 
 
+HEADINGS = "Versuch;Drehzahl [1/min];\u00d6ltemperatur [\u00b0C];Verlust\u00b2 [Nm];\u03b1 [deg];lambda [1]\n"
+
+
+def bench(file: Path) -> Path:
+    """Losses that fall with the oil's temperature, as a German laboratory writes them."""
+    rng = np.random.default_rng(7)
+    lines = []
+    for run in range(24):
+        speed, oil = rng.uniform(10.0, 90.0, 2)
+        for _ in range(6):
+            drag = 4.0 + 0.02 * speed - 0.03 * oil + rng.normal(0.0, 0.02)
+            lines.append(f"V{run};{speed:.2f};{oil:.2f};{drag:.3f};{rng.normal():.3f};{rng.normal():.3f}\n")
+    file.write_text(HEADINGS + "".join(lines).replace(".", ","), "utf-8")
+    return file
+
+
+def test_headings_of_any_alphabet_get_names_that_formulas_can_use(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    case = tmp_path / "case"
+    status, _, err = terrapin(capsys, "case", "table", bench(tmp_path / "bench.csv"), "--to", case)
+    assert (status, err) == (0, "")
+    columns = tomllib.loads((case / "case.toml").read_text("utf-8"))["data"]["columns"]
+    assert {name: entry["column"] for name, entry in columns.items()} == {
+        "drehzahl": "Drehzahl [1/min]",
+        "oeltemperatur": "\u00d6ltemperatur [\u00b0C]",
+        "verlust2": "Verlust\u00b2 [Nm]",
+        "alpha": "\u03b1 [deg]",
+        "c_lambda": "lambda [1]",
+    }
+    text = (case / "case.toml").read_text("utf-8")
+    (case / "case.toml").write_text(text.replace("\noeltemperatur", '\n"\u00f6ltemperatur"'), "utf-8")
+    status, _, err = terrapin(capsys, "discover", case)
+    assert status == 2
+    one_line(err, ["data.columns.\u00f6ltemperatur: found a name that formulas cannot use, expected letters a to z"])
+
+
+def test_a_column_whose_name_no_formula_can_use_is_looked_at(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Unmapped, under a heading without a unit: the answer names the column instead of ending."""
+    file = bench(tmp_path / "bench.csv")
+    file.write_text(file.read_text("utf-8").replace(" [\u00b0C]", ""), "utf-8")
+    (tmp_path / "case.toml").write_text('''
+[model]
+base = "equation"
+[model.equation]
+loss = "a + b*speed"
+[fit]
+a = { value = 1.0, unit = "N m" }
+b = { value = 0.01, unit = "N m s" }
+[data]
+files = ["bench.csv"]
+run = "Versuch"
+ignore = ["\u03b1", "lambda"]
+[data.columns]
+speed = { column = "Drehzahl", unit = "1/s" }
+loss = { column = "Verlust\u00b2", unit = "N m", sigma = 0.02 }
+''', "utf-8")  # fmt: skip
+    status, out, err = terrapin(capsys, "discover", tmp_path)
+    assert (status, err) == (0, "")
+    assert "depends on \u00d6ltemperatur" in out
+
+
 def test_case_of_a_table_loads_after_the_guess(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = rolling(tmp_path / "made", 41, runs=6, rows=5)
     table = tmp_path / "day.csv"

@@ -19,6 +19,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from keyword import iskeyword
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -30,7 +31,7 @@ from terrapin_hil.units import unit_in_formula
 if TYPE_CHECKING:
     import pint
 
-__all__ = ["FUNCTIONS", "Expression", "parse"]
+__all__ = ["FUNCTIONS", "Expression", "is_name", "parse"]
 
 
 MAX_LENGTH = 1000  # characters; keeps the parser's and our own recursion bounded
@@ -86,6 +87,15 @@ _NUMPY: dict[str, Any] = {
     "min": np.minimum,
     "max": np.maximum,
 }
+
+
+def is_name(text: str) -> bool:
+    """Whether formulas can use it as a name.
+
+    >>> [name for name in ("temp_1", "\u00d6l", "T [K]", "lambda") if is_name(name)]
+    ['temp_1']
+    """
+    return text.isascii() and text.isidentifier() and not iskeyword(text)
 
 
 @lru_cache(maxsize=1024)

@@ -10,13 +10,14 @@ from typing import Any, TypeVar
 
 import tomlkit
 
-from terrapin_hil.physics.expression import parse
+from terrapin_hil.physics.expression import is_name, parse
 from terrapin_hil.physics.mechanics import ROLES
 from terrapin_hil.robots import select
 from terrapin_tools.door.effect import numbers
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.bases import ROLES as BASE_ROLES
+from terrapin_tools.workbench.bases.kinds.names import formula_name, in_letters
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
 from terrapin_tools.workbench.files.arrow_tables import from_arrow
 from terrapin_tools.workbench.files.format import Ambiguous, meant, parted
@@ -125,7 +126,9 @@ def _by_headings(table: Table, base: str, columns: Mapping[str, str], said: Iter
     allowed = {*BASES[base].channels, *BASE_ROLES}
     for one in said:
         heading, bare = meant(one, table.columns), parted(one)[0]
-        if heading in (None, bare) or heading in found.values() or not bare.isidentifier():
+        if heading in (None, bare) or heading in found.values():
+            continue
+        if not is_name(bare) and not is_name(bare := in_letters(bare)):
             continue
         if BASES[base].own_names or bare in allowed:
             found.setdefault(bare, str(heading))
@@ -151,8 +154,9 @@ def _columns(
     for column in table.columns:
         used = column in equation or (column in units and (own or column in {*BASES[base].channels}))
         role = not own and column in units and column not in columns.values()
-        if (used or role) and column not in known.values() and column.isidentifier():
-            known.setdefault(column, column)
+        name = column if is_name(formula_name(column)) else in_letters(column)
+        if (used or role) and column not in known.values() and is_name(formula_name(name)):
+            known.setdefault(name, column)
     lost = next((name for name in equation if name not in known), None)
     if lost is not None:
         raise UserError(f"equation: {lost} is no column of the table, expected one of {', '.join(table.columns)}")

@@ -14,7 +14,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect, catalogue
-from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.physics.expression import Expression, is_name, parse
 from terrapin_hil.physics.mechanics import mechanics
 from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
@@ -97,7 +97,7 @@ class Case(Measurements):
     @cached_property
     def inputs(self) -> dict[str, Array]:
         """What formulas may use: roles and unmapped columns by their names in formulas."""
-        extra = {name: values for name, values in self.extra.items() if name.isidentifier()}
+        extra = {name: values for name, values in self.extra.items() if is_name(name)}
         return {**extra, **{formula_name(name): values for name, values in self.roles.items()}}
 
     def missing_role(self, effect: Effect) -> str | None:

@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
-from terrapin_hil.physics.expression import Expression, parse
+from terrapin_hil.physics.expression import Expression, is_name, parse
 from terrapin_hil.physics.mechanics import ROLES as MECHANICS
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import is_log
 from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
+from terrapin_tools.workbench.bases.kinds.names import formula_name
 from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
 from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gaps, ungrouped, unsigned
@@ -172,8 +173,8 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         path = ("data", "columns", name)
         free = base.own_names
         channel = name in (equations if free else base.channels)
-        if free and not name.isidentifier():
-            raise tables.complain("found a name that formulas cannot use, expected letters, digits and _", *path)
+        if free and not is_name(formula_name(name)):
+            raise tables.complain("found a name that formulas cannot use, expected letters a to z, digits and _", *path)
         if not free and not channel and name not in ROLES:
             expected = ", ".join([*base.channels, *ROLES])
             raise tables.complain(f"unknown role or channel, expected one of {expected}", *path)

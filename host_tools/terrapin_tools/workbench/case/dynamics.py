@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import replace
 
-from terrapin_hil.physics.expression import Operation
+from terrapin_hil.physics.expression import Operation, is_name
 from terrapin_hil.units import read_unit, unit_in_formula
 from terrapin_tools.workbench.bases import Base
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics, State
@@ -43,8 +43,8 @@ def read_dynamics(tables: Tables, base: Base, measured: Measurements) -> Dynamic
 
 def _state(tables: Tables, measured: Measurements, name: str) -> State:
     path = ("model", "states", name)
-    if not name.isidentifier():
-        raise tables.complain("found a name that formulas cannot use, expected letters, digits and _", *path)
+    if not is_name(name):
+        raise tables.complain("found a name that formulas cannot use, expected letters a to z, digits and _", *path)
     tables.entry(path, "initial", "unit")
     for table in (("parameters",), ("fit",)):
         if name in tables.table(*table):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_hil.physics.expression import is_name
+from terrapin_tools.workbench.bases.kinds.names import in_letters
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.toml_tables import Tables
 
@@ -94,7 +95,7 @@ def membership(groups: Mapping[str, Groups], taken: Collection[str]) -> dict[str
         if len(grouping.names) > MOST:
             continue
         for group in names:
-            column = re.sub(r"\W+", "_", f"{name}_{group}")
-            if column not in taken and column not in found and column.isidentifier():
+            column = in_letters(f"{name}_{group}")
+            if column not in taken and column not in found and is_name(column):
                 found[column] = (grouping.index == grouping.names.index(group)).astype(float)
     return found

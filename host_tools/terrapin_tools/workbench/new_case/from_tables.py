@@ -17,8 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from terrapin_hil.physics.expression import is_name
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
+from terrapin_tools.workbench.bases.kinds.names import in_letters
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked, meant
 from terrapin_tools.workbench.files.split_runs import TIMES
@@ -476,8 +478,8 @@ def _unit(name: str, base: Base) -> str:
 
 
 def _name(column: str) -> str:
-    plain = re.sub(r"\W+", "_", split_unit(column)[0]).strip("_").lower()
-    return plain if plain.isidentifier() else f"c_{plain}"
+    plain = in_letters(split_unit(column)[0]).lower()
+    return plain if is_name(plain) else f"c_{plain}"
 
 
 def _quoted(text: str) -> str:
