@@ -59,6 +59,8 @@ class Operation:
 Node: TypeAlias = Number | Name | Operation
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
+_SIGNS = {ast.BitOr: "|", ast.BitAnd: "&", ast.Mod: "%", ast.FloorDiv: "//", ast.MatMult: "@"}
+_MEANT = {ast.BitXor: "^ is not known: a power is written **", ast.BitOr: "| is not known: a magnitude is written abs(x)"}
 _COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 FUNCTIONS = ("abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "min", "max")
 
@@ -92,10 +94,11 @@ _NUMPY: dict[str, Any] = {
 def is_name(text: str) -> bool:
     """Whether formulas can use it as a name.
 
-    >>> [name for name in ("temp_1", "\u00d6l", "T [K]", "lambda") if is_name(name)]
+    >>> [name for name in ("temp_1", "\u00d6l", "T [K]", "lambda", "max") if is_name(name)]
     ['temp_1']
     """
-    return text.isascii() and text.isidentifier() and not iskeyword(text)
+    plain = text.isascii() and text.isidentifier() and not text.startswith("__")
+    return plain and not iskeyword(text) and text not in FUNCTIONS
 
 
 @lru_cache(maxsize=1024)
@@ -122,6 +125,8 @@ def parse(text: str) -> Expression:
         if equals := re.search(r"(?<![<>=!:])=(?!=)", stripped):
             reason = "not a formula: what it is equal to is chosen beside it, expected what stands right of ="
             raise ValueError(f"column {equals.start() + 1 + offset}: {reason}") from None
+        if "|" in stripped:
+            raise ValueError(f"column {stripped.index('|') + 1 + offset}: operator {_MEANT[ast.BitOr]}") from None
         raise ValueError(f"column {(error.offset or 1) + offset}: not a formula: {error.msg}") from None
     except (ValueError, MemoryError, RecursionError) as error:
         raise ValueError(f"column 1: not a formula: {error or 'too deeply nested'}") from None
@@ -162,9 +167,8 @@ def _convert(node: ast.expr, offset: int) -> Node:
         case ast.BinOp(left=left, op=operator, right=right):
             kind = _BINARY.get(type(operator))
             if kind is None:
-                if isinstance(operator, ast.BitXor):
-                    raise refuse("operator ^ is not known: a power is written **")
-                raise refuse(f"operator {type(operator).__name__} is not known; known: + - * / **")
+                sign = _SIGNS.get(type(operator), type(operator).__name__)
+                raise refuse(f"operator {_MEANT.get(type(operator), f'{sign} is not known; known: + - * / **')}")
             return Operation(kind, (_convert(left, offset), _convert(right, offset)))
         case ast.Compare(left=left, ops=[operator], comparators=[right]):
             kind = _COMPARE.get(type(operator))
@@ -186,6 +190,8 @@ def _convert(node: ast.expr, offset: int) -> Node:
             for argument in arguments[1:]:
                 result = Operation(name, (result, argument))
             return result
+        case ast.Tuple():
+            raise refuse("a comma, which parts arguments of min and max; a decimal mark is a point")
         case _:
             raise refuse(f"{type(node).__name__} is not allowed in a formula")
 
