@@ -106,7 +106,9 @@ loss = { column = "Verlust\u00b2", unit = "N m", sigma = 0.02 }
 ''', "utf-8")  # fmt: skip
     status, out, err = terrapin(capsys, "discover", tmp_path)
     assert (status, err) == (0, "")
-    assert "depends on \u00d6ltemperatur" in out
+    said = " ".join(out.split())
+    assert "depends on \u00d6ltemperatur, and no formula was tried in it, as its heading is no name for one" in said
+    assert "Next: Map \u00d6ltemperatur under a name of letters a to z, digits and _, and look again" in said
 
 
 def test_case_of_a_table_loads_after_the_guess(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -60,7 +60,10 @@ Node: TypeAlias = Number | Name | Operation
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
 _SIGNS = {ast.BitOr: "|", ast.BitAnd: "&", ast.Mod: "%", ast.FloorDiv: "//", ast.MatMult: "@"}
-_MEANT = {ast.BitXor: "^ is not known: a power is written **", ast.BitOr: "| is not known: a magnitude is written abs(x)"}
+_MEANT = {
+    ast.BitXor: "^ is not known: a power is written **",
+    ast.BitOr: "| is not known: a magnitude is written abs(x)",
+}
 _COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
 FUNCTIONS = ("abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "min", "max")
 

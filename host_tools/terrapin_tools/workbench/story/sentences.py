@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
+from terrapin_hil.physics.expression import is_name
 from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.intervals import Interval
@@ -336,9 +337,10 @@ def _mishap(blamed: Blamed, probability: float) -> str:
 
 def _curve(one: Curve, probability: float, what: str = "the model") -> str:
     by = {"": "", DIRECTION: ", times the direction of motion"}.get(one.by, f", times {one.by}")
+    known = "is known for it" if is_name(one.column) else "was tried in it, as its heading is no name for one"
     return (
         f"With probability {chance(probability)} {what} lacks something that depends on {one.column}{by}, and no "
-        f"formula is known for it: in {one.channel} it makes {number(one.rms, 2)}{behind(one.channel_unit)} rms, "
+        f"formula {known}: in {one.channel} it makes {number(one.rms, 2)}{behind(one.channel_unit)} rms, "
         f"{in_sd(one.in_sd)} noise sd."
     )
 
@@ -598,6 +600,11 @@ def _measured_next(found: Findings) -> str:
     if found.blamed and found.blamed.kind == "run":
         runs = f"{'run' if len(found.blamed.runs) == 1 else 'runs'} {', '.join(found.blamed.runs)}"
         return f"Repeat {runs}, or leave {runs} out of the table, and look again."
+    if found.unknown and not is_name(found.unknown.column):
+        return (
+            f"Map {found.unknown.column} under a name of letters a to z, digits and _, and look again: formulas are "
+            "then tried in it."
+        )
     if found.unknown:
         return (
             f"Measure between the settings of {found.unknown.column} that you have, and look at the curve: it says "
