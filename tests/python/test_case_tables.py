@@ -82,6 +82,17 @@ def test_headings_of_any_alphabet_get_names_that_formulas_can_use(
     one_line(err, ["data.columns.\u00f6ltemperatur: found a name that formulas cannot use, expected letters a to z"])
 
 
+@pytest.mark.parametrize(("run", "told"), [("r1", True), ("r2", False)])
+def test_a_jump_of_the_time_is_told_within_a_run_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], run: str, told: bool
+) -> None:
+    lines = [f"{'r1' if i < 30 else run},{i + (500 if i >= 30 else 0)},{i % 7},{i % 5}" for i in range(60)]
+    (tmp_path / "t.csv").write_text("run,time_s,speed_m_s,force_N\n" + "\n".join(lines) + "\n")
+    status, out, err = terrapin(capsys, "case", "table", tmp_path / "t.csv", "--to", tmp_path / "case")
+    assert (status, err) == (0, "")
+    assert ("t.csv:32: time_s jumps by 501: several runs? --read runs=gap parts them." in out) == told
+
+
 def test_a_column_whose_name_no_formula_can_use_is_looked_at(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

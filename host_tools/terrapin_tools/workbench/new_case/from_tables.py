@@ -244,7 +244,7 @@ def write_table_case(
         lines[-1] += f" The first is {first_gap(tables, list(gaps))}."
     lines += [
         *_shared_names(tables, found.run, text),
-        *told_gaps(tables, found.asked),
+        *told_gaps(tables, found.asked, found.run),
         *told_repeats(tables),
         *found.others,
     ]

@@ -79,12 +79,15 @@ def _begins(table: Table) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     return restarts(_times(table))
 
 
-def told_gaps(tables: Sequence[Table], asked: Asked) -> list[str]:
-    """Where a time jumps, which may part two experiments; a line for the first."""
+def told_gaps(tables: Sequence[Table], asked: Asked, run: str | None) -> list[str]:
+    """Where a time jumps within a run, which may part two experiments; a line for the first."""
     if asked.runs:
         return []
     for table in tables:
         steps = np.diff(_times(table))
+        if run in table.columns and steps.size:
+            names = np.array(table.text(run))
+            steps = np.where(names[1:] == names[:-1], steps, 0.0)
         forward = steps[steps > 0.0]
         if forward.size > WIDE and steps.max() > WIDE * float(np.median(forward)):
             row = int(np.argmax(steps)) + 1
