@@ -382,6 +382,7 @@ def test_files_are_runs_where_no_column_says_so(tmp_path: Path) -> None:
     [
         (COLUMNS.replace("x = {", '"a b" = {'), "a name that formulas cannot use"),
         (COLUMNS.replace("y = {", "z = {").replace(", sigma = 0.5", ""), "y is missing, expected the column"),
+        (COLUMNS.replace("y = {", "z = {"), "y is missing, expected the column"),
         (COLUMNS.replace('"mm"', '"mm", sigma = 1'), "unknown name"),
         (COLUMNS.replace("0.5", "0.0"), r"data\.columns\.y\.sigma.*expected more than 0"),
         (COLUMNS + 'z = { column = "x", unit = "m" }\n', r"column 'x' is mapped as x in mm too"),

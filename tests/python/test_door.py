@@ -402,6 +402,7 @@ def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
         (lambda: case.plot(channel="x"), "channel: found 'x', expected one of M"),
         (lambda: case.compare(level=2.0), "level 2"),
         (lambda: terrapin.Case.load(tmp_path / "no"), "no such file, expected a case folder"),
+        (lambda: terrapin.Case.from_table(bench(), fit={"a": 1.0}), "equation: found none, expected a formula"),
         (lambda: terrapin.Case.example("no"), "example: found 'no', expected one of"),
         (lambda: terrapin.Log(tmp_path / "x.log"), "expected a readable log"),
         (lambda: terrapin.Log(paths.dbc()), "unknown kind of log"),

@@ -100,8 +100,8 @@ class Case:
 
         Parameters
         ----------
-        table : whatever speaks Arrow (pandas, polars, pyarrow), a mapping of columns to arrays, or the name of a CSV or
-            Parquet file.
+        table : whatever speaks Arrow (pandas, polars, pyarrow), a mapping of columns to arrays, or the name of a file
+            with a table (docs/cases.md).
         run : column that names the run of each row; "": all rows are one run.
         units : unit by column, where neither the column's metadata (`unit`) nor its name ("w [rpm]") tells it.
             Here and below a column is named by its heading as it is written, or by its bare name: `D [mm]` or `D`.

@@ -33,7 +33,7 @@ FILE = "table.parquet"  # in which the table stands when the case is saved
 
 
 def table_of(source: object) -> tuple[Table, dict[str, str]]:
-    """A table with the units that it tells; a text or Path is the name of a CSV or Parquet file."""
+    """A table with the units that it tells; a text or Path is the name of a file with one."""
     if isinstance(source, str | Path):
         try:
             return read(Path(source)), {}
@@ -160,6 +160,8 @@ def _columns(
     lost = next((name for name in equation if name not in known), None)
     if lost is not None:
         raise UserError(f"equation: {lost} is no column of the table, expected one of {', '.join(table.columns)}")
+    if own and not BASES[base].own_dynamics and not equation:
+        raise UserError('equation: found none, expected a formula for each channel: equation={"M": "a + b*w"}')
     if not known:
         raise UserError("units: found none, expected the unit of each column that the model uses: units={'w': 'rpm'}")
     return known

@@ -169,6 +169,9 @@ def read_formulas(tables: Tables, *path: str, expected: str) -> dict[str, Expres
 
 def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) -> list[Mapped]:
     mapped: list[Mapped] = []
+    for predicted in equations:  # before the columns: without its channel a column may have no sigma
+        if predicted not in tables.table("data", "columns"):
+            raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
     for name in tables.table("data", "columns"):
         path = ("data", "columns", name)
         free = base.own_names
@@ -211,9 +214,6 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
                 f"itself. Expected another column, or a case of its own for what {seen.name} drives",
                 *("data", "columns", own.name, "column"),
             )
-    for predicted in equations:
-        if predicted not in {entry.name for entry in mapped}:
-            raise tables.complain(f"{predicted} is missing, expected the column that measures it", "data", "columns")
     return mapped
 
 

@@ -253,7 +253,7 @@ def write_table_case(
     if few := found.too_few():
         both = "The one run is" if len(few) == 1 else "Both runs are"
         lines.append(f"{both} trained on, for none can be spared: hold further runs out to try what is found.")
-    lines.append("Lines marked CHECK hold constants that no table can tell.")
+    lines.append("Lines marked CHECK hold what no table can tell.")
     return "\n".join(lines)
 
 
