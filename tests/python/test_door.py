@@ -11,6 +11,7 @@ import pickle
 import re
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -387,6 +388,17 @@ def test_what_is_wrong_is_one_line(change: dict[str, Any], expected: str) -> Non
     assert isinstance(caught.value, terrapin.errors.InputError)
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("heading", ["\u00d6ltemperatur", "\u00d6ltemperatur [degC]"])
+def test_a_heading_of_any_alphabet_becomes_a_name_of_the_model(heading: str) -> None:
+    """With its unit told by `units`, be the heading bare or one that has it."""
+    table = bench().rename(columns={"temp": heading})
+    units = {"w": "rpm", "M": "mN m", "\u00d6ltemperatur": "degC"}
+    made = terrapin.Case.from_table(table, run="run", units=units, equation={"M": "a + b*w"}, fit=FIT)
+    found = tomllib.loads(made.text)["data"]["columns"]
+    assert found["Oeltemperatur"]["column"] == heading
+    assert made.discover().missing
 
 
 def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
