@@ -10,10 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.decide import _worth
 from terrapin_tools.workbench.discover.discovery import LEVEL, Discovery, Weighed, decided, discover, weighed
-from terrapin_tools.workbench.discover.unexplained import curves
+from terrapin_tools.workbench.discover.unexplained import bridged, curves
 from terrapin_tools.workbench.story.answer import answer, read
 from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.terminal import tell
@@ -43,6 +44,19 @@ def test_a_wave_in_a_column_is_a_curve_without_a_formula() -> None:
     away = np.abs(y - (truth - within)) / sd
     assert np.mean(away < 2.0) >= 0.8, away
     assert found.unknown.in_sd == pytest.approx(3.0, rel=0.2)
+
+
+def test_a_curve_is_straight_where_no_row_is() -> None:
+    """Three settings leave open what a wave does between them; neighbours of close rows are the wave's."""
+    x = np.linspace(0.0, 9.0, 91)
+
+    def wave(at: Array) -> Array:
+        return np.cos(4.0 * at)[:, None]
+
+    few = np.repeat([0.0, 4.0, 9.0], 30) + np.tile(np.linspace(0.0, 1e-3, 30), 3)
+    ends = [0.0, 1e-3, 4.0, 4.001, 9.0, 9.001]
+    np.testing.assert_allclose(bridged(wave, x, few)[:, 0], np.interp(x, ends, np.cos(4.0 * np.array(ends))), atol=0.01)
+    np.testing.assert_array_equal(bridged(wave, x, np.linspace(0.0, 9.0, 30)), wave(x))
 
 
 def test_it_is_told_drawn_and_kept() -> None:

@@ -8,7 +8,7 @@ else.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from itertools import chain
 
@@ -56,6 +56,17 @@ class Curve:
     x: tuple[float, ...]
     y: tuple[float, ...]
     sd: tuple[float, ...]
+
+
+def bridged(at: Callable[[Array], Array], x: Array, values: Array) -> Array:
+    """The shapes (places, count) of a curve at `x`, straight over gaps between `values` that are wider than half the
+    shortest wave: there the rows leave open what the waves do, and that may be anything."""
+    ends = np.unique(values)
+    right = np.clip(np.searchsorted(ends, x), 1, len(ends) - 1)
+    low, high = ends[right - 1], ends[right]
+    wide = high - low > np.ptp(values) / (WAVES - 1)
+    share = ((x - low) / (high - low))[:, None]
+    return np.where(wide[:, None], (1.0 - share) * at(low) + share * at(high), at(x))
 
 
 @dataclass(frozen=True)
@@ -219,7 +230,7 @@ def curve(analysis: Analysis, evidence: Evidence, column: str) -> Curve:
     mean, spread = own @ mean, own @ spread @ own.T
     middle = waves.at(waves.values).mean(axis=0)
     x = np.linspace(waves.values.min(), waves.values.max(), POINTS)
-    there = waves.at(x) - middle
+    there = bridged(waves.at, x, waves.values) - middle
     name, sigma = analysis.model.channels[int(channel)], float(analysis.noise.sigma[int(channel)])
     rms = float(np.linalg.norm(block @ mean) / np.sqrt(len(waves.values)))
     sd = np.sqrt(row * np.einsum("ij,jk,ik->i", there, spread, there))
