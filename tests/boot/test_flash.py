@@ -111,6 +111,19 @@ def said(folder: Path) -> list[str]:
     return [line.partition(": ")[2] for line in (folder / "log").read_text().splitlines()]
 
 
+@pytest.mark.parametrize("more", [-1, 1])
+def test_a_flash_of_another_size_is_refused(tmp_path: Path, more: int) -> None:
+    with board(tmp_path):
+        pass
+    flash = tmp_path / "flash.bin"
+    size = flash.stat().st_size
+    os.truncate(flash, size + more)
+    taken = tmp_path  # no link can stand there, so that nothing is served in any case
+    done = subprocess.run([PROGRAM, flash, taken], capture_output=True, text=True, check=False)
+    assert done.stderr == f"terrapin-bootloader: {flash}: {size + more} bytes, expected {size}\n"
+    assert (done.returncode, done.stdout) == (1, "")
+
+
 def test_serial_end_to_end(tmp_path: Path) -> None:
     """An empty chip takes 1.0.0, then 1.1.0 while that runs; old, forged and other images are refused with a reason."""
     first, second = signed(tmp_path, "a", "1.0.0", counter=2), signed(tmp_path, "b", "1.1.0", counter=3)

@@ -286,6 +286,31 @@ def test_nonsense_from_the_other_side(answer: bytes, expected: str) -> None:
         os.close(slave)
 
 
+def test_once_the_end_has_passed_nothing_is_waited_for() -> None:
+    """It may pass while lines are taken, and poll takes less than 0 as for ever."""
+    master, slave = os.openpty()
+    late = threading.Timer(20.0, os.write, (master, b"z"))  # what would end that
+    try:
+        with SlcanPort(os.ttyname(slave), BOUND) as port:
+            late.start()
+            with pytest.raises(LinkError, match="no answer within"):
+                port._receive(time.monotonic() - 1.0)
+    finally:
+        late.cancel()
+        late.join()
+        os.close(master)
+        os.close(slave)
+
+
+@pytest.mark.parametrize("node", ["", "x", "3x", "-1", "8"])
+def test_a_node_number_that_is_none_is_refused(tmp_path: Path, node: str) -> None:
+    taken = tmp_path  # no link can stand there, so that nothing is served in any case
+    command = [str(PROGRAM), "--node", node, "--pty", str(taken)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    expected = f"terrapin-controller: --node: found '{node}', expected a number from 0 to 7\n"
+    assert (done.returncode, done.stdout, done.stderr) == (2, "", expected)
+
+
 def test_paths_that_are_no_link(tmp_path: Path) -> None:
     with pytest.raises(LinkError, match=r"cannot open the link: No such file or directory"):
         SlcanPort.open(tmp_path / "nothing")
