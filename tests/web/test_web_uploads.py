@@ -156,6 +156,9 @@ def test_a_log_with_its_dbc(server: Server) -> None:
     wrong = server.ask("GET", f"/api/uploads/{upload['id']}/preview?dbc={other['id']}")
     assert wrong.status == 422
     assert "found no frame that other.dbc knows" in wrong.detail
+    none = server.ask("POST", f"/api/uploads?name=run_c.log&dbc={upload['id']}", content)
+    assert none.status == 422
+    assert "found an upload that is none, expected a DBC" in none.detail
     again = server.ask("POST", f"/api/uploads?name=run_b.log&dbc={dbc['id']}", log([0.01 * i for i in range(60)])).json
     body = order(
         "from_log",
