@@ -84,7 +84,7 @@ def test_statements_hold_at_every_setting_or_not_at_any() -> None:
         assert doctest.testmod(module).failed == 0
 
 
-def test_errors_of_every_reading_of_table_4() -> None:
+def test_errors_of_every_reading_of_table_4(parts: dict[str, Part]) -> None:
     """Reference: an independent implementation, converged quadrature."""
     expected = {
         ("full (Eq. 3)", "nominal", "as printed"): (9.1, 19.1, 26.2, 35.5),
@@ -100,6 +100,11 @@ def test_errors_of_every_reading_of_table_4() -> None:
     assert found.keys() == expected.keys()
     for reading, errors in expected.items():
         assert found[reading] == pytest.approx(errors, abs=0.051), reading
+    shown = parts["li Table 4"].tables[0]
+    assert shown.head == ("stress", "slip", "R_f", "DP, Th. 1", "DP, Th. 2", "T, Th. 1", "T, Th. 2")
+    assert {row[:3]: tuple(map(float, row[3:])) for row in shown.rows[1:]} == {
+        reading: pytest.approx(errors, abs=0.051) for reading, errors in expected.items()
+    }
 
 
 def test_what_no_reading_of_table_4_can_change() -> None:

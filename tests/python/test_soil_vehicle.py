@@ -214,6 +214,13 @@ def test_command_estimates_a_case(
     assert abs(answer["eq5_percent"]["validation"]["fit"] - floor) < 1.0
     assert "relaxation_length" in answer["assumed"]
     assert "kPa/m^0.71" in words
+    shown = {line.split()[0]: line.split()[1:3] for line in words.splitlines()[1:] if line.split()[0] in PARAMETERS}
+    for name, factor, unit in (
+        ("cohesion", 1e-3, "kPa"),
+        ("friction_angle", 180.0 / np.pi, "deg"),
+        ("shear_modulus", 1e3, "mm"),
+    ):
+        assert shown[name] == [f"{answer['parameters'][name]['value'] * factor:.4g}", unit]
     assert "validation runs" in words
 
 
