@@ -17,6 +17,7 @@ from terrapin_hil.physics.vehicle import profile_torque
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import error, fitted_on
+from terrapin_tools.workbench.model.effect_columns import acting
 from terrapin_tools.workbench.model.fitting import _Problem, covariance
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.kinds import NODES
@@ -181,6 +182,18 @@ def test_shapes_change_what_a_column_of_them_does(base: str, start: float, targe
             expected = there[name] - here[name]
             np.testing.assert_allclose(values, expected, atol=share * np.abs(expected).max() + 1e-15)
     assert max(np.abs(values).max() for values in changes[0].values()) > 1e-11
+
+
+def test_what_is_added_to_a_channel_shows_there_alone_and_as_it_is(tmp_path: Path) -> None:
+    """A fault of the measurement is no force: the motion knows nothing of it, and no row of another's."""
+    case = load_case(cylinder(tmp_path / "case", {}))
+    model, rows, sigma = Model.of(case), case.train | case.test, np.array([0.02, 0.004])
+    added = np.random.default_rng(6).normal(size=(2, rows.sum()))
+    for at, channel in enumerate(model.channels):
+        change = acting(model, model.start, channel, rows, sigma)(added)
+        expected = np.zeros_like(change)
+        expected[:, at] = added / sigma[at]
+        np.testing.assert_allclose(change, expected, rtol=1e-6, atol=1e-6)
 
 
 def test_a_start_that_sends_a_body_off_is_brought_back(tmp_path: Path) -> None:
