@@ -24,6 +24,7 @@ from terrapin_tools.workbench.discover.ranker import Ranker
 from terrapin_tools.workbench.formulas import expressions
 from terrapin_tools.workbench.model.fitting import covariance, minimise
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.kinds import NODES
 from tests.campaigns.ode_systems import SYSTEMS, draw, right
 from tests.python.casekit import one_line, terrapin
@@ -231,6 +232,23 @@ def spring(folder: Path, cubic: float = 0.0, text: str = TEXT, seed: int = 1) ->
     (folder / "runs.csv").write_text("\n".join(lines) + "\n")
     (folder / "case.toml").write_text(text)
     return folder
+
+
+@pytest.mark.parametrize(
+    ("as_stated", "mend"),
+    [('unit = "cm", sigma = 5.0', 0.1), ('unit = "mm", sigma = 5.0, factor = -1.0', -1.0)],
+    ids=["millimetres stated as centimetres", "a mistaken direction"],
+)
+def test_a_channel_in_another_unit_is_told_as_such(tmp_path: Path, as_stated: str, mend: float) -> None:
+    """Not as a formula that adds a share of itself to what it shows; its runs start where they then do."""
+    text = TEXT.replace('unit = "mm", sigma = 5.0', as_stated)
+    case = load_case(spring(tmp_path / "case", text=text))
+    found = discover(case)
+    assert (found.verdict, found.missing) == ("missing", ("table.position.scale",))
+    fault = found.candidates[0].effect
+    assert isinstance(fault, Fault)
+    assert fault.factor == mend
+    assert found.ladder[-1].heldout_error == pytest.approx(1.0, abs=0.15)
 
 
 def test_the_truth_is_found_and_is_enough(tmp_path: Path) -> None:

@@ -131,6 +131,9 @@ def test_a_header_reaches_the_c_tests_that_are_built_of_it() -> None:
     assert "test_boot_loader_blackbox" in of_boot
     assert "test_core_drive_blackbox" not in of_boot
     assert "test_core_drive_blackbox" in reached(["firmware/core/drive.c"], imports(), built).programs
+    of_host = reached(["firmware/ports/host/process.c"], imports(), built)  # no C test has it
+    assert {"tests/links/test_slcan_process.py", "tests/links/test_nodes.py"} <= set(of_host.tests)
+    assert "tests/boot/test_flash.py" in reached(["firmware/ports/host_boot/process.c"], imports(), built).tests
 
 
 def test_what_changed_is_what_git_says(tmp_path: Path) -> None:

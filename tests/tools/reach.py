@@ -100,7 +100,7 @@ class Imports:
 
 
 def programs(root: Path = ROOT) -> dict[str, set[str]]:
-    """C test program -> sources and headers that it is built of; empty without a finished build/host."""
+    """C test or host program -> sources and headers that it is built of; empty without a finished build/host."""
     build = root / "build/host"
     if not (build / ".ninja_deps").is_file():
         return {}
@@ -118,7 +118,8 @@ def programs(root: Path = ROOT) -> dict[str, set[str]]:
         elif line:
             headers.setdefault(current, set()).add(line.strip())
     found = {}
-    for program in sorted(path.name for path in build.glob("test_*") if path.is_file() and not path.suffix):
+    made = [*build.glob("test_*"), *build.glob("terrapin-*")]
+    for program in sorted(path.name for path in made if path.is_file() and not path.suffix):
         inputs = set(ninja("inputs", program))
         places = {(build / name).resolve() for name in inputs.union(*(headers.get(name, ()) for name in inputs))}
         found[program] = {str(path.relative_to(root)) for path in places if path.is_relative_to(root)}
@@ -147,7 +148,10 @@ def reached(changed: Iterable[str], imports: Imports, built: Mapping[str, set[st
             mine = {test for test in below if re.search(rf"(?<![\w.]){re.escape(named)}\b", text[test])}
         if not mine and folder.startswith(tuple(f"{place}/" for place in PACKAGES.values())):
             mine = {test for test, modules_below in below.items() if beside[folder] & modules_below}
-        ran = {program for program, sources in built.items() if name in sources}
+        of_it = {program for program, sources in built.items() if name in sources}
+        ran = {program for program in of_it if program.startswith("test_")}
+        if not ran:  # no C test has it: those that start a program with it
+            mine |= {test for test in below for program in of_it if program in text[test]}
         if name.startswith("firmware/") and (path.suffix in (".c", ".h") or name.startswith(GENERATED)):
             mine |= set(OF_FIRMWARE) & below.keys()
         if not mine and not ran:

@@ -21,7 +21,7 @@ from terrapin_tools.workbench.model.fitting import Fit, extend, fit_model
 from terrapin_tools.workbench.model.linearised import following, linearise
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
-from terrapin_tools.workbench.model.table_faults import Fault, faults
+from terrapin_tools.workbench.model.table_faults import Fault, faults, faults_over_time
 from terrapin_tools.workbench.model.usual_sizes import size_tax
 from terrapin_tools.workbench.noise.covariance import Runs
 from terrapin_tools.workbench.noise.log_sums import logsumexp
@@ -74,7 +74,7 @@ class Ranker:
         self.suspects |= {effect.name: effect for effect in constants(self.model)}
         self.effects |= self.suspects
         self.faults: dict[str, Fault] = {}  # the likeliest of each name, once they were looked at
-        self.possible = faults(self.case)
+        self.possible = self._possible()
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]
         self.columns = self.columns_without(())
@@ -91,6 +91,18 @@ class Ranker:
         self.misfit = max(float((residual * residual).sum()) - residual.size, float(np.sqrt(2.0 * residual.size)))
         self.nodes = Evidence(self.runs, residual, self.base, self.behind, analysis.noise.kinds).among(self.columns)
         self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes)
+
+    def _possible(self) -> list[Fault]:
+        if not self.case.base.whole_runs or not self.analysis.missing:
+            return faults(self.case)
+
+        def misfit(fault: Fault | None) -> float:
+            model = self.model if fault is None else self.model.having(fault)
+            gap = self.values - model.bind(self.case.inputs, self.rows).predict(self.model.start)
+            square = float(((gap / self.sigma[:, None]) ** 2).sum())
+            return square if np.isfinite(square) else np.inf
+
+        return faults_over_time(self.case, misfit)
 
     def _widened(self, slopes: Array) -> Array:
         return np.concatenate([slopes, self.analysis.nuisance], axis=-1)

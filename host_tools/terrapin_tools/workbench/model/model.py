@@ -82,10 +82,12 @@ class Model:
         """
         case, runs = self.case, None
         wrong = [effect for effect in self.effects if isinstance(effect, Fault)]
+        own = case.channels if case.base.whole_runs else ()  # from which runs start
         if wrong:
             inputs = read(wrong, inputs, case)
         if rows is not None or len(next(iter(inputs.values()))) == case.rows:
-            runs = Runs(case.run, case.run_names, case.place, {**case.roles, **case.channels})
+            started = {one.column: one.factor * case.channels[one.column] for one in wrong if one.column in own}
+            runs = Runs(case.run, case.run_names, case.place, {**case.roles, **case.channels, **started})
         problem = Problem(
             channels=self.channels,
             effects=tuple(effect for effect in self.effects if not isinstance(effect, Fault)),

@@ -8,7 +8,7 @@ small.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.case.intake import BOTH_WAYS
 from terrapin_tools.workbench.files.units import same_kind
 
-__all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "read", "recorded"]
+__all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "faults_over_time", "read", "recorded"]
 
 ANGLES = ("rad", "rad/s", "rad/s^2", "")  # units of a role or channel; "" : none is stated
 FORCES = ("N", "N m", "Pa", "")
@@ -39,6 +39,7 @@ OF_UNIT = {
     "minutes": (60.0, ("rad/s", "s", "")),
     "km/h": (1.0 / 3.6, ("m/s", "")),
     "hundredths": (1e-2, ("m", "1", "")),
+    "tenths": (0.1, ("m", "mm", "cm")),
 }
 RARE = ("minutes",)  # of those: an angular speed is counted in radians a minute by hardly anybody
 UNUSUAL = float(np.log(20.0))  # log evidence; chosen by hand
@@ -81,19 +82,37 @@ def faults(case: Case) -> list[Fault]:
     signed = [name for name, values in columns.items() if _reverses(values)]
     found = []
     for name, values in columns.items():
-        unit = case.units[name] or ""
-        for about, (factor, units) in {**FACTORS, **{a: f for a, f in OF_UNIT.items() if unit in f[1]}}.items():
-            inverse = () if factor == -1.0 else (1.0 / factor,)
-            fits = units is None or unit in units or any(other and same_kind(unit, other) for other in units)
-            usual = about not in RARE and fits
-            for f in (factor, *inverse):
-                title = _scaled(about, f, factor) if fits else f"is wrong by a factor of {f:.4g}"
-                found.append(_fault(case, name, "scale", title, factor=f, cost=0.0 if usual else UNUSUAL))
+        found += _scales(case, name)
         if not _reverses(values):
             lacks = {other: f"lacks the sign of {other}" for other in signed}
             found += [_fault(case, name, "sign", t, sign_of=o, cost=_cost(case, o)) for o, t in lacks.items()]
         if _varies(values, case.run):
             found.append(_fault(case, name, "delay", f"comes {LATE} row late", late=LATE))
+    return found
+
+
+def _scales(case: Case, name: str) -> list[Fault]:
+    """Every factor by which a column may be wrong."""
+    unit, found = case.units[name] or "", []
+    for about, (factor, units) in {**FACTORS, **{a: f for a, f in OF_UNIT.items() if unit in f[1]}}.items():
+        inverse = () if factor == -1.0 else (1.0 / factor,)
+        fits = units is None or unit in units or any(other and same_kind(unit, other) for other in units)
+        usual = about not in RARE and fits
+        for f in (factor, *inverse):
+            title = _scaled(about, f, factor) if fits else f"is wrong by a factor of {f:.4g}"
+            found.append(_fault(case, name, "scale", title, factor=f, cost=0.0 if usual else UNUSUAL))
+    return found
+
+
+def faults_over_time(case: Case, misfit: Callable[[Fault | None], float]) -> list[Fault]:
+    """Scales of the channels of a model that integrates over a run, where each refit takes long: of each channel the
+    one that takes most of the misfit, if it halves it. `misfit`: with a fault and the parameters as stated."""
+    found = []
+    for name in case.channels:
+        usual = [fault for fault in _scales(case, name) if not fault.cost]
+        left = [misfit(fault) for fault in usual]
+        if min(left) < 0.5 * misfit(None):
+            found.append(replace(usual[int(np.argmin(left))], cost=float(np.log(len(usual)))))
     return found
 
 
