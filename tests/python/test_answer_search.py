@@ -796,15 +796,13 @@ def test_constants_that_may_be_wrong_are_weighed_with_an_effect(monkeypatch: pyt
     assert asked == [["drag", "gear"]] * 3
 
 
-def _paired(singles: dict[str, float], average: dict[str, float], onward: dict[str, float] | None = None,
-    weights: dict[str, float] | None = None, missing: bool = True) -> tuple[list[Hypothesis], list[str]]:  # fmt: skip
+def _paired(singles: dict[str, float], average: dict[str, float],
+    weights: dict[str, float] | None = None) -> tuple[list[Hypothesis], list[str]]:  # fmt: skip
     """Pairs of effects (prior -2 each): their hypotheses, and which of them were refitted."""
-    ranker: Any = Bench(weights, analysis=SimpleNamespace(missing=missing))
+    ranker: Any = Bench(weights)
     own = {name: replace(_answer(name, weight), effects=(name,)) for name, weight in singles.items()}
     logs = {tuple(names.split()): value for names, value in average.items()}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ranking, "_onward", lambda *_: {tuple(n.split()): gain for n, gain in (onward or {}).items()})
-        found = ranking._pairs(ranker, own, logs, max(singles.values()))
+    found = ranking._pairs(ranker, own, logs, max(singles.values()))
     return found, ranker.refitted
 
 
@@ -818,8 +816,6 @@ def test_a_pair_whose_second_effect_adds_nothing_is_not_refitted() -> None:
     assert told["a b"].log_weight == pytest.approx(10.0 + 2.0 - 0.5 - 4.0)
     assert told["a b"].fit is None
     assert told["a c"].log_weight == told["b c"].log_weight == -50.0
-    found, refitted = _paired({"a": 10.0, "b": 4.0}, {"a": 12.0, "b": 6.0, "a b": 11.0, "b a": 11.0}, {"a b": 0.5})
-    assert "a b" in refitted  # a gain around the refitted member earns it
     found, refitted = _paired({"b": 10.0, "a": 4.0}, {"a": 6.0, "b": 12.0, "a b": 13.0})
     assert refitted == ["b a"]  # likeliest first, where the search for a start begins
 
@@ -841,42 +837,6 @@ def test_twelve_pairs_are_refitted() -> None:
     assert refitted == best[:12]
     assert [" ".join(h.effects) for h in found] == best
     np.testing.assert_allclose([h.log_weight for h in found[12:]], 4.0)  # behind the best, whatever was promised
-
-
-def test_what_a_second_effect_adds_to_a_refitted_one(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To the three best, within 12 of the best, each pair from its better member."""
-    asked: list[str] = []
-
-    def gains(ranker: Any, fit: Any, present: Sequence[str]) -> dict[str, float]:
-        asked.append(fit.effects)
-        return {"a": 1.0, "b": 2.0, "d": 3.0}
-
-    monkeypatch.setattr(ranking, "_gains", gains)
-    singles = {name: _answer(name, weight) for name, weight in (("a", 1.0), ("b", 9.0), ("c", 5.0), ("d", 0.5))}
-    ranker: Any = Bench(shapes=dict.fromkeys("abcd"))
-    found = ranking._onward(ranker, singles, 9.0)
-    assert asked == ["b", "c", "a"]
-    assert found == {("a", "b"): 1.0, ("b", "d"): 3.0, ("a", "c"): 1.0, ("c", "d"): 3.0, ("a", "d"): 3.0,
-        ("b", "b"): 2.0, ("a", "a"): 1.0}  # fmt: skip
-    asked.clear()
-    singles["c"] = replace(singles["c"], fit=None)
-    ranking._onward(ranker, singles, 13.0)
-    assert asked == ["b", "a"]
-    asked.clear()
-    ranking._onward(ranker, singles, 13.1)
-    assert asked == ["b"]
-
-
-def test_gains_are_of_effects_that_are_possible_beside_a_sound_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    def by_effect(beyond: Any, shapes: Sequence[Any]) -> dict[str, float]:
-        return {shape.effect: 1.0 for shape in shapes}
-
-    monkeypatch.setattr(ranking, "by_effect", by_effect)
-    flat = [SimpleNamespace(effect=name) for name in ("a", "b", "law")]
-    ranker: Any = Bench(flat=flat, impossible={"law"}, unsound={"u"})
-    fit: Any = SimpleNamespace(effects="a")
-    assert ranking._gains(ranker, fit, ("a",)) == {"b": 8.0}
-    assert ranking._gains(ranker, fit, ("u",)) == {}
 
 
 def _grown(monkeypatch: pytest.MonkeyPatch, missing: bool, singles: dict[str, float], more: dict[str, list[Hypothesis]],

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from itertools import chain
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
-from terrapin_tools.workbench.discover.ranker import WITHIN, Found, Hypothesis, Ranker, by_effect
+from terrapin_tools.workbench.discover.ranker import WITHIN, Found, Hypothesis, Ranker
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.formulas.expressions import read_by
 from terrapin_tools.workbench.model.effect_columns import Shape
@@ -32,7 +31,6 @@ from terrapin_tools.workbench.noise.mishaps import KINDS
 __all__ = ["ONE", "Blamed", "Hypothesis", "Ranking", "rank"]
 
 PAIRS_REFITTED = 12  # pairs at most; chosen by hand, for time
-PAIRS_FROM = 3  # best single effects that a second one is tried on once more; chosen by hand
 UNSEEN = 1.0  # log weight by which a pair that was not refitted stays behind the best; chosen by hand
 FEWEST_RUNS = 4  # from which a mishap of one of them differs from the rest; chosen by hand
 ONE = 1e-3  # squared distance of two predictions [noise sd] below which they are one curve
@@ -167,23 +165,16 @@ def _pairs(
     """Pairs of effects: the most promising refitted, others with the weight that they have around the present fit."""
     prior = ranker.log_prior(next((n for n in average if len(n) == 2), ()))
     order = list(singles)
-    onward = _onward(ranker, singles, best)
     alone = {name: singles[name].log_weight - ranker.log_prior((name,)) for name in singles}
-    promise: dict[tuple[str, ...], float] = {names: value for names, value in average.items() if len(names) == 2}
-    onward = {names: gain for names, gain in onward.items() if names in promise}
-    for names, gain in onward.items():
-        promise[names] = max(promise.get(names, -np.inf), alone[_first(names, singles)] + gain)
-    by_average: list[tuple[str, ...]] = sorted(promise, key=lambda n: -average[n])
-    by_promise = sorted(promise, key=lambda n: -promise[n])
     found: list[Hypothesis] = []
     refitted = 0
-    for names in dict.fromkeys(chain.from_iterable(zip(by_average, by_promise, strict=True))):
-        if promise[names] + prior < best - WITHIN:
-            continue
+    for names in sorted((n for n in average if len(n) == 2), key=lambda n: -average[n]):
+        if average[names] + prior < best - WITHIN:
+            break
         ordered = tuple(sorted(names, key=order.index))
         member = max(names, key=lambda n: average[n,])
         gain = average[names] - average[member,]  # a promise far from the present fit may not be kept: it earns a refit
-        if max(gain, onward.get(names, gain)) < 0.0 or refitted == PAIRS_REFITTED:
+        if gain < 0.0 or refitted == PAIRS_REFITTED:
             # the second adds nothing to the first: its price is known without a refit
             found.append(Hypothesis(ordered, "catalogue", min(alone[member] + gain + prior, best - UNSEEN)))
             continue
@@ -244,38 +235,6 @@ def _columns(ranker: Ranker, one: Hypothesis) -> frozenset[str]:
 
 def _predicted(ranker: Ranker, fit: Fit) -> Array:
     return np.asarray(fit.model.bind(ranker.case.inputs, ranker.rows).predict(fit.theta) / ranker.sigma[:, None])
-
-
-def _gains(ranker: Ranker, fit: Fit, present: Sequence[str]) -> dict[str, float]:
-    """Log evidence that each further effect would add to a fit whose parameters, shapes included, follow."""
-    if not ranker.sound(fit, present):  # its evidence is not that of this fit, and gains over it mean nothing
-        return {}
-    beyond = ranker.beyond(fit)
-    further = [s for s in ranker.flat if s.effect not in present and ranker.together_possible((*present, s.effect))]
-    return {name: value - beyond.nothing for name, value in by_effect(beyond, further).items()}
-
-
-def _first(names: Sequence[str], singles: Mapping[str, Hypothesis]) -> str:
-    return max(names, key=lambda name: singles[name].log_weight)
-
-
-def _onward(ranker: Ranker, singles: Mapping[str, Hypothesis], best: float) -> dict[tuple[str, ...], float]:
-    """Log evidence that a second effect adds to the best refitted ones, by pair.
-
-    Around the present fit a shape is known on a grid only, and where the noise is small no point of it fits: a pair
-    would lose to one whose second effect merely mends that.
-    """
-    order = list(ranker.shapes)
-    found: dict[tuple[str, ...], float] = {}
-    leading = sorted(singles.values(), key=lambda h: -h.log_weight)[:PAIRS_FROM]
-    for single in leading:
-        if single.fit is None or single.log_weight < best - WITHIN:
-            continue
-        for name, gain in _gains(ranker, single.fit, single.effects).items():
-            names = tuple(sorted((single.effects[0], name), key=order.index))
-            if _first(names, singles) == single.effects[0]:
-                found[names] = gain
-    return found
 
 
 def _mishaps(ranker: Ranker) -> list[Hypothesis]:
