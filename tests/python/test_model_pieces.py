@@ -464,7 +464,8 @@ def test_a_factor_of_a_mistaken_unit_is_what_that_unit_is() -> None:
     for about, unit, to in (
         ("turns a minute", "rpm", "rad/s"), ("degrees", "deg", "rad"), ("kilograms of force", "kgf", "N"),
         ("thousandths", "mm", "m"), ("turns", "turn", "rad"), ("minutes", "min", "s"), ("km/h", "km/h", "m/s"),
-        ("hundredths", "cm", "m"),
+        ("hundredths", "cm", "m"), ("tenths", "dm", "m"),
+        ("metric horsepower", "metric_horsepower", "W"), ("horsepower", "horsepower", "W"),
     ):  # fmt: skip
         assert factors.pop(about) == pytest.approx(float(quantity(1.0, unit).to(to).magnitude))
     assert not factors

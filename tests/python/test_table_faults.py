@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import terrapin_tools as terrapin
 from terrapin_hil.arrays import Array
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
@@ -122,6 +123,28 @@ def test_factors_that_the_noise_hides_from_each_other_are_told_together(tmp_path
     named = {**found.ranking.expressions, **{one.effect.name: one.effect for one in found.candidates}}
     title = named["table.omega.scale"].title
     assert title == "omega is in degrees or is in thousandths"
+
+
+@pytest.mark.parametrize(
+    ("about", "watts"),
+    [("is in metric horsepower (factor 735.5)", 735.49875), ("is in horsepower (factor 745.7)", 745.69987)],
+)
+def test_a_power_in_horsepower_is_told(about: str, watts: float) -> None:
+    """A torque that is the power over the speed; the table says W of the power, which is in one of both horsepowers."""
+    random = np.random.default_rng(3)
+    run, speed = np.repeat(np.arange(12), 12), random.uniform(20.0, 120.0, 144)
+    torque = random.uniform(3.0, 30.0, 144)
+    shown = torque + 0.4 + 0.05 * random.standard_normal(144)
+    case = terrapin.Case.from_table(
+        {"run": run, "w": speed, "P": torque * speed / watts, "M": shown},
+        run="run",
+        units={"w": "rad/s", "P": "W", "M": "N m"},
+        equation={"M": "P/w + c"},
+        fit={"c": (0.1, -50.0, 50.0, "N m")},
+    )
+    answer = case.discover()
+    assert list(answer.missing) == ["table.P.scale"]
+    assert f"P {about}" in answer.headline
 
 
 def test_a_speed_is_not_said_to_be_a_force(tmp_path: Path) -> None:

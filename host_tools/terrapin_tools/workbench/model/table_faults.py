@@ -40,6 +40,8 @@ OF_UNIT = {
     "km/h": (1.0 / 3.6, ("m/s", "")),
     "hundredths": (1e-2, ("m", "1", "")),
     "tenths": (0.1, ("m", "mm", "cm")),
+    "metric horsepower": (75.0 * 9.80665, ("W",)),
+    "horsepower": (745.69987, ("W",)),
 }
 RARE = ("minutes",)  # of those: an angular speed is counted in radians a minute by hardly anybody
 UNUSUAL = float(np.log(20.0))  # log evidence; chosen by hand
