@@ -14,17 +14,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.compare.comparison import Analysis, error
+from terrapin_tools.workbench.compare.comparison import Analysis, error, noise_around
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import calibrated
 from terrapin_tools.workbench.discover.leftover import SAME, absent, left, noise_left
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import ONE, Blamed, Ranking
 from terrapin_tools.workbench.discover.unexplained import curves
+from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.priors import SIZE_OF_SET
 from terrapin_tools.workbench.model.usual_sizes import MOST_TAX
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.mishaps import KINDS
+from terrapin_tools.workbench.noise.stated import FAR
 
 __all__ = ["Class", "Decision", "Weight", "aliases", "classes", "decide", "weights", "with_curves"]
 
@@ -197,11 +199,20 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
     told = tuple(_told(ranking, every, sets))
     assert told[0][0].fit is not None
     leaves = left(analysis, told[0][0].fit)
+    if leaves.clearly(level):
+        leaves = left(_as_found(analysis, told[0][0].fit), told[0][0].fit)
     if leaves.clearly(level):  # what is left is no curve of one column, and no noise
         probability = calibrated(1.0 - leaves.p_value, "unexplained")
         return Decision("partial", probability, (told[0][0],), classes=tuple(every))
     verdict = "ambiguous" if len(told) > 1 else "missing"
     return Decision(verdict, calibrated(told[0][1], verdict), tuple(h for h, _ in told), classes=tuple(every))
+
+
+def _as_found(analysis: Analysis, answer: Fit) -> Analysis:
+    """In the noise that is found around an answer, where a stated sd surely is off by no more than a user may be wrong:
+    noise that was stated too small is no part of what is missing."""
+    noise = noise_around(analysis.case, answer, analysis.noise, again=True)
+    return replace(analysis, noise=noise) if noise.wrong.any() and noise.ratio.max() <= FAR else analysis
 
 
 def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
