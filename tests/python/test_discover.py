@@ -215,6 +215,15 @@ def test_a_short_campaign() -> None:
     assert not [r for r in singles if r["probability"] > 0.9 and not r["named_right"]]
 
 
+@pytest.mark.parametrize(("too_small", "verdict"), [(2.5, "missing"), (4.0, "partial")])
+def test_noise_that_was_stated_too_small_is_not_missing(too_small: float, verdict: str) -> None:
+    """As far as a user may be wrong in it; beyond that it may be something that is missing."""
+    case = made("rolling_steady", ("viscous_friction",), 14, 0.0, 8.0, seed=3).case
+    found = discover(replace(case, sigma={"current": (case.sigma["current"] or 0.0) / too_small}))
+    assert (found.verdict, found.missing) == (verdict, ("viscous_friction",))
+    assert "times what is stated" in tell(told(found.analysis, found))
+
+
 def test_names_a_single_bad_run() -> None:
     case = made("rolling_steady", (), 14, 0.0, 1.0, seed=41).case
     current = case.channels["current"].copy()
