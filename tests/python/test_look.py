@@ -84,6 +84,15 @@ def test_each_fault_is_told(tmp_path: Path) -> None:
     assert len(words.splitlines()) < 25
 
 
+def test_one_steady_state_is_told_as_one(tmp_path: Path) -> None:
+    """One setting held for six of twenty seconds, the rest a sine: "1 stretches" was told of it."""
+    table = columns()
+    answer = look(write(tmp_path / "x.csv", table))
+    assert f"{answer['steady_count']} stretches may be steady states, the first: " in describe(answer)
+    one = {**answer, "steady_count": 1}
+    assert "\n  1 stretch may be a steady state: " in describe(one)
+
+
 def test_nothing_is_found_in_noise() -> None:
     """Of 100 columns of noise and of a slow sine none saturates or has steps."""
     random = np.random.default_rng(5)
@@ -118,7 +127,8 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, out, _ = terrapin(capsys, "look", path, path, "--json", "-")
     assert [one["rows"] for one in json.loads(out)["files"]] == [ROWS, ROWS]
     for words, expected in (
-        (["look", tmp_path / "no.csv"], "no such file"),
+        (["look", tmp_path / "no.csv"], "no.csv: no such file\n"),
+        (["look", tmp_path], f"{tmp_path.name}: is a folder, expected a file\n"),
         (["look", path, path, "--plot", tmp_path / "q.png"], "expected one"),
     ):
         status, out, err = terrapin(capsys, *words)

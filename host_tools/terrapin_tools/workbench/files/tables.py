@@ -130,16 +130,16 @@ def read(
     """
     try:
         if path.is_dir() and format_of(path) is None:
-            raise UserError(f"{path}: is a folder, expected a file (data.files)")
+            raise UserError(f"{path}: is a folder, expected a file")
         if not path.exists() or not (path.is_file() or path.is_dir()):
-            raise UserError(f"{path}: no such file (data.files)")
+            raise UserError(f"{path}: no such file")
         if is_log(path):
             if dbc is None or period is None:
                 raise UserError(f"{path.name}: a log needs data.dbc and data.period in case.toml")
             return _read_log(path, dbc, period, needed)
         return _read_table(path, texts, asked)
     except OSError as error:
-        raise UserError(f"{path}: {error.strerror or error}, expected a readable file (data.files)") from None
+        raise UserError(f"{path}: {error.strerror or error}, expected a readable file") from None
 
 
 def _read_table(path: Path, texts: Collection[str], asked: Asked) -> Table:

@@ -211,5 +211,7 @@ def describe(answer: dict[str, Any]) -> str:
         place = f"{first['begin']:.6g} to {first['end']:.6g}" if first["begin"] is not None else "rows {} to {}".format(
             first["rows"][0] + 1, first["rows"][1]
         )  # fmt: skip
-        lines.append(f"  {answer['steady_count']} stretches may be steady states, the first: {place}")
+        count = answer["steady_count"]
+        many = f"{count} stretches may be steady states, the first"
+        lines.append(f"  {many if count > 1 else '1 stretch may be a steady state'}: {place}")
     return "\n".join(lines)
