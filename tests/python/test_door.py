@@ -25,7 +25,7 @@ import pytest
 import terrapin_tools as terrapin
 from terrapin_hil import paths
 from terrapin_tools import _HOMES
-from terrapin_tools.workbench.story import sentences
+from terrapin_tools.workbench.story import sentences, terminal
 
 ROOT = Path(__file__).resolve().parents[2]
 FIT = {"a": (0.01, 0.0, 1.0, "N m"), "b": (1e-4, -1.0, 1.0, "N m s/rad")}
@@ -264,6 +264,20 @@ def test_nothing_takes_away_only_all_of_the_misfit(answer: terrapin.Answer) -> N
     said = sentences.reason(story.found, one, "")
     assert said == "Takes away 100 % of the misfit and leaves 1.60 noise sd on held-out runs."
     assert "has probability 0.97" in sentences.strange_noise(0.97)
+
+
+@pytest.mark.parametrize(("explains", "told"), [(-1.0, "0 %"), (-0.3, "0 %"), (0.04, "4 %"), (0.62, "62 %")])
+def test_the_list_of_candidates_and_the_reason_tell_one_share(
+    answer: terrapin.Answer, explains: float, told: str
+) -> None:
+    """Of what makes the held-out error larger the list said -100 %, and the sentence beside it 0 %."""
+    story = answer._story
+    one = replace(story.cards[0].proposal, effect="other", probability=0.4, explains=explains, noise_ratio=4.2)
+    card = replace(story.cards[0], proposal=one, reason=sentences.reason(story.found, one, ""))
+    lines = terminal.tell(replace(story, cards=(*story.cards, card))).splitlines()
+    (line,) = (line for line in lines if line.split()[:1] == ["other"] and "=" not in line)
+    assert f"Takes away {told} of the misfit" in line
+    assert re.findall(r"-?\d+ %", line) == [told, told]
 
 
 def test_what_comes_next_is_a_call(case: terrapin.Case, answer: terrapin.Answer, tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ __all__ = [
     "spelt",
     "strange_noise",
     "stuck",
+    "taken",
     "thinned",
     "unchecked",
     "unsure",
@@ -422,9 +423,15 @@ def acts(target: str, channels: Collection[str]) -> str:
     return f"added to {target}" if target in channels else f"{target} is multiplied by 1 + it"
 
 
+def taken(one: Proposal) -> str:
+    """The share of the misfit that a candidate takes away. One that makes it larger on runs that it was not fitted to
+    takes nothing; how large it leaves it says the error on these."""
+    return percent(max(one.explains, 0.0))
+
+
 def reason(found: Findings, one: Proposal, why_not: str) -> str:
     """Why a candidate is likely, or why it is not: what it explains, what the data hold against it."""
-    share = f"{percent(max(one.explains, 0.0))} of the misfit"
+    share = f"{taken(one)} of the misfit"
     left = "" if one.noise_ratio is None else f" and leaves {in_sd(one.noise_ratio)} noise sd on held-out runs"
     mine = [set(rival) for rival in found.rivals if one.effect in rival]
     if mine and len(found.rivals) > 1:
@@ -439,7 +446,7 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
             return f"Alone it takes away {share}{left}; the others take away the rest."
         return f"Takes away {share}{left}."
     if one.explains < LITTLE:
-        return f"Takes away next to nothing of the misfit{why_not}."
+        return f"Takes away {share}{why_not}."
     if one.noise_ratio is not None and one.noise_ratio < NEAR_FLOOR:
         near = in_sd(one.noise_ratio)
         return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."

@@ -20,9 +20,9 @@ from terrapin_tools.workbench.story.sentences import (
     in_sd,
     interval,
     number,
-    percent,
     spelt,
     stuck,
+    taken,
     verdict,
 )
 from terrapin_tools.workbench.story.story import Card, Next, Rung, Story
@@ -103,7 +103,7 @@ def _candidates(story: Story) -> list[str]:
     lines = ["", f"{story.heading}:", *(line for card in missing for line in _named(card))]
     shown = [c for c in story.cards if c.proposal.probability >= UNLIKELY or c in missing][:SHOWN] or story.cards[:1]
     rows = [
-        (one.effect, chance(one.probability), in_sd(one.noise_ratio), percent(one.explains), card.reason)
+        (one.effect, chance(one.probability), in_sd(one.noise_ratio), taken(one), card.reason)
         for card in shown
         for one in [card.proposal]
     ]
