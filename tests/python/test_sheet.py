@@ -46,6 +46,38 @@ def test_a_minutes_turns_are_rpm(name: str, text: str) -> None:
         read({**RE30, name: "3 1/min/s"})
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "value"),
+    [
+        ("gear", "21:1", 21.0),
+        ("gear", "20.4 : 1", 20.4),
+        ("gear_efficiency", "81 %", 0.81),
+        ("gear_efficiency", "72.5%", 0.725),
+    ],
+)
+def test_a_ratio_and_a_percentage_are_read_as_sheets_print_them(name: str, text: str, value: float) -> None:
+    assert read({**RE30, name: text})[name] == pytest.approx(value, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        *(("gear", text) for text in ("21:2", "1:21", "21:1:1", ":1", "21 %", "21:", "x:1")),
+        *(("gear_efficiency", text) for text in ("%", "81 %%", "% 81", "0.8:1", "eighty %")),
+        *(("encoder_counts", text) for text in ("2000:1", "2000 %")),
+    ],
+)
+def test_what_is_no_ratio_and_no_percentage_is_refused_as_it_was_written(name: str, text: str) -> None:
+    expected = f"^--{name.replace('_', '-')}: found {re.escape(repr(text))}, expected a number: [^\\n]*$"
+    with pytest.raises(UserError, match=expected):
+        read({**RE30, name: text})
+
+
+def test_more_than_all_is_no_share() -> None:
+    with pytest.raises(UserError, match=r"^--gear-efficiency: found 1\.2, expected more than 0, at most 1$"):
+        robot_text("robot", read({**RE30, "gear_efficiency": "120 %"}))
+
+
 @pytest.mark.parametrize("supply", [12, 16, 18, 22, 30, 36, 48])
 def test_every_usual_supply_is_taken(supply: int, tmp_path: Path) -> None:
     """A part's rating is a fifth above 85 % of it, which may be beyond the full scale; it then narrows nothing."""

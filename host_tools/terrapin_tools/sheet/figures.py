@@ -63,8 +63,8 @@ FIGURES: Mapping[str, Figure] = {
     "inductance": Figure("H", "of the winding, between two terminals", "0.119 mH"),
     "rated_current": Figure("A", "continuous, or nominal", "3.4 A"),
     "rotor_inertia": Figure("kg m^2", "of the rotor", "33.3 g cm^2", needed="sphere"),
-    "gear": Figure("1", "turns of the motor for one of its output", "14", default="1"),
-    "gear_efficiency": Figure("1", "of the gear, 0 to 1", "0.75"),
+    "gear": Figure("1", "turns of the motor for one of its output", "14:1", default="1"),
+    "gear_efficiency": Figure("1", "of the gear, a share or in %", "75 %"),
     "encoder_counts": Figure("1", "a turn, after quadrature: four times the lines", "2000", needed="always"),
     "encoder_at": _words("which shaft the encoder is on", "motor", "output"),
     "driver": _words("what the driver does when it is switched off", "coast", "brake"),
@@ -116,11 +116,16 @@ def _shown(figure: Figure) -> str:
 
 
 def _number(name: str, text: str, figure: Figure) -> float:
-    turns = re.sub(TURNS, "rpm", text) if figure.unit.startswith("rpm") else text
+    plain = re.sub(TURNS, "rpm", text) if figure.unit.startswith("rpm") else text
+    share = name == "gear_efficiency" and plain.endswith("%")
+    if name == "gear":
+        plain = re.sub(TO_ONE, "", plain)
+    elif share:
+        plain = plain[:-1]
     try:
-        value = parse_quantity(turns, "1" if figure.unit == "1" else SI[figure.unit])
+        value = parse_quantity(plain, "1" if figure.unit == "1" else SI[figure.unit]) / (100.0 if share else 1.0)
     except QuantityError as error:
-        said = str(error).replace(repr(turns), repr(text))
+        said = str(error).replace(repr(plain), repr(text))
         raise UserError(f"{option(name)}: {said}: {_shown(figure)}") from None
     if not 0.0 < value < 1e9:
         raise UserError(f"{option(name)}: found {text!r}, expected more than 0: {_shown(figure)}")
@@ -129,4 +134,5 @@ def _number(name: str, text: str, figure: Figure) -> float:
 
 SI = {unit: unit for unit in ("m", "kg", "V", "A", "ohm", "H", "N m", "N m/A", "kg m^2")}
 SI |= {"rpm": "rad/s", "rpm/V": "rad/V s"}
-TURNS = r"\b1/min\b|\bmin\^?-1"  # as sheets print rpm
+TURNS = r"\b1/min\b|\bmin\^?-1"  # as sheets print rpm,
+TO_ONE = r"\s*:\s*1$"  # and a gear's ratio
