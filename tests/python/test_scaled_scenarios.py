@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import re
+import tomllib
 from collections.abc import Iterator
 
 import numpy as np
@@ -59,6 +61,24 @@ def test_a_shipped_scenario_suits_every_robot_or_says_why_not(robot: Robot, name
     assert scenario.notes[0].startswith(f"scaled from the cylinder to the {robot.name}: speeds x ")
     result = run(scenario)
     assert [outcome.text for outcome in result.outcomes if not outcome.passed] == []
+
+
+@pytest.mark.parametrize("name", ["steady_sand", "floor_to_sand", "speed_control"])
+def test_a_title_says_the_setpoint_of_this_robot(robot: Robot, name: str) -> None:
+    """It said 8 V to a robot for which another voltage, or a speed, was set."""
+    path = find_scenario(name)
+    scenario, there = load_scenario(path), str(tomllib.loads(path.read_text())["title"])
+    (order,) = (order for order in scenario.operator if order.request == "run")
+    here = f"{order.setpoint:.3g} {'m/s' if order.control == 'speed' else 'V'}"
+    assert scenario.title == re.sub(r"[\d.]+ (V|m/s)", here, there) != there
+    assert f'title = "{scenario.title}"' in scenario.source
+
+
+def test_a_title_says_the_supply_and_the_current_of_this_robot(robot: Robot) -> None:
+    supply, current = (load_scenario(find_scenario(name)) for name in ("supply_high", "over_current"))
+    assert supply.title.startswith(f"The supply rises to {supply.faults[0].value:.3g} V, as ")
+    assert current.title.startswith(f"The current jumps to {(4070 - 2048) * robot.current_code:.3g} A, inside ")
+    assert (4070 - 2048) * robot.current_code > robot.limits["over_current"]
 
 
 @pytest.mark.parametrize("name", sorted(NAMES))

@@ -47,12 +47,14 @@ SETTLED = (
     2.0  # times that of the default robot, a swing has to die away: that one's checks wait for five time constants
 )
 CALIBRATION, LONGEST_CALIBRATION = 8.0, 30.0  # s, calibrate_timeout of the default robot, and at most
+MIDDLE = 2048  # code of no current
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.]*")
 _SLICE = re.compile(r"\[(\d*\.?\d*):(\d*\.?\d*)\]")
 _OFF = re.compile(r"- \d")
 _SLIPS = re.compile(r"limiting\S* == 1|'stuck'|'extricat")
 _MORE = re.compile(r"slip\S* > ([\d.]+)")
 _WORD = re.compile(r"'[^']*'")
+_QUANTITY = re.compile(r"(?<![\w.])-?\d+(?:\.\d+)? (?:V|A|m/s)(?![\w/])")  # in a title
 FUNCTIONS = {"max", "min", "abs", "mean", "all", "any", "last", "first", "std", "sum", "rms", "count"}
 
 
@@ -231,6 +233,33 @@ def _check_carriage(table: Mapping[str, Any], here: Robot, motion: _Motion, by: 
         )
 
 
+def _title(table: Mapping[str, Any], found: Mapping[str, Any], there: Robot, here: Robot) -> str:
+    """The title, where it says a setpoint, a supply or a current of `there`, with that of `here`."""
+    told: dict[str, str] = {}
+
+    def take(before: float, unit: str, after: float, unit_after: str) -> None:
+        told.setdefault(f"{before:.3g} {unit}", f"{after:.3g} {unit_after}")
+
+    for where, order in _lists(table, "operator"):
+        if f"{where}.setpoint" in found:
+            before, after = (
+                "m/s" if control == "speed" else "V" for control in (order.get("control"), found[f"{where}.control"])
+            )
+            take(parse_quantity(order["setpoint"], before), before, found[f"{where}.setpoint"], after)
+    for where, fault in _lists(table, "fault"):
+        if fault.get("kind") == "supply":
+            take(parse_quantity(fault["value"], "V"), "V", found[f"{where}.value"], "V")
+        if (fault.get("kind"), fault.get("channel")) == ("forced", "current"):
+            codes = parse_quantity(fault["value"], "1") - MIDDLE
+            take(codes * there.current_code, "A", codes * here.current_code, "A")
+
+    def said_here(said: re.Match[str]) -> str:
+        number, unit = said[0].split()
+        return told.get(f"{float(number):.3g} {unit}", said[0])
+
+    return _QUANTITY.sub(said_here, str(table.get("title", "")))
+
+
 def _kept(check: str, by: _Scales) -> str:
     """A check with its times, as it is true of any robot."""
     check = _later(check, by.time)
@@ -328,6 +357,8 @@ def scaled(table: Mapping[str, Any], there: Robot, here: Robot) -> tuple[dict[st
     if first:
         kept.append("last(ACTUATE.state == 'safe') == 1")
     found["checks"] = kept
+    if "title" in table:
+        found["title"] = _title(table, found, there, here)
     left = len(checks) - len(kept) + bool(first)
     note = f"scaled from the {there.name} to the {here.name}: speeds x {by.speed:.3g}, times x {by.time:.3g}" + (
         f"; {left} of {len(checks)} checks have numbers of the {there.name} and are left out" if left else ""
