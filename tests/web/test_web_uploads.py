@@ -212,6 +212,14 @@ def test_decimal_commas_and_a_byte_order_mark_are_read(server: Server) -> None:
     assert (shell["name"], shell["role_guess"], shell["max"]) == ("w_shell [rad/s]", "omega", 1.7)
 
 
+def test_a_heading_is_told_as_a_name_in_letters(server: Server) -> None:
+    """The page made ltemperatur of it, the command line oeltemperatur."""
+    text = "t [s];Öltemperatur [°C];Débit (l/min);ω_Welle;5 V rail\n0;20;1;2;3\n1;21;1;2;3\n"
+    upload = good(server, "a.csv", text.encode())
+    names = [column["name_guess"] for column in upload["columns"]]
+    assert names == ["t", "oeltemperatur", "debit", "omega_welle", "c_5_v_rail"]
+
+
 @pytest.mark.parametrize(
     ("name", "content", "words"),
     [

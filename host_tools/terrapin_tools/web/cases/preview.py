@@ -26,7 +26,14 @@ from terrapin_tools.workbench.files.format import Asked
 from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import Table
-from terrapin_tools.workbench.new_case.from_tables import base_of, guess_base, guess_columns, guess_run, split_unit
+from terrapin_tools.workbench.new_case.from_tables import (
+    base_of,
+    distinct_names,
+    guess_base,
+    guess_columns,
+    guess_run,
+    split_unit,
+)
 
 __all__ = ["SUFFIXES", "look", "suits"]
 
@@ -124,6 +131,7 @@ def _answer(
     kind: str, rows: int, numeric: list[str], gathered: _Columns, run_column: str | None, warnings: list[str]
 ) -> dict[str, Any]:
     guesses = {guess.column: guess for guess in guess_columns(numeric, gathered.text)}
+    names = distinct_names(gathered.names)
     columns = []
     for name in gathered.names:
         guess = guesses.get(name)
@@ -133,6 +141,7 @@ def _answer(
                 "numeric": name not in gathered.text,
                 "unit_guess": guess.unit if guess else "",
                 "role_guess": guess.name if guess else None,
+                "name_guess": names[name],
                 "preview": gathered.cells.get(name, []),
                 "min": gathered.low.get(name) if name not in gathered.text else None,
                 "max": gathered.high.get(name) if name not in gathered.text else None,

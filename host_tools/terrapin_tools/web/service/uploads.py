@@ -74,6 +74,7 @@ class UploadColumn(BaseModel):
     numeric: bool
     unit_guess: str = Field(description="empty when the name tells none")
     role_guess: str | None = Field(description="role or channel")
+    name_guess: str = Field(default="", description="of a model with the user's own names")
     preview: list[str]
     min: float | None
     max: float | None

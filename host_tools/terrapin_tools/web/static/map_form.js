@@ -4,9 +4,12 @@ import { Reading } from './map_read.js';
 
 const MOST_ROWS = 2e6; // of a case
 const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
-/** A name for a case or a formula, from that of a file or a column. @param {string} name */
+/** @type {Record<string, string>} */
+const WRITTEN = { ä: 'ae', ö: 'oe', ü: 'ue', ß: 'ss' };
+/** A name for a case, from that of a file: umlauts written out, other letters without their marks. @param {string} name */
 const plain = (name) => {
-  const word = name.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '').toLowerCase();
+  const letters = name.toLowerCase().normalize('NFKC').replace(/[äöüß]/g, (letter) => WRITTEN[letter]).normalize('NFKD').replace(/\p{M}/gu, '');
+  const word = letters.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '');
   return /^[a-z_]/.test(word) ? word : `c_${word}`;
 };
 
@@ -91,7 +94,7 @@ export class MapForm {
     const free = base.own_names;
     const names = free ? [] : [...base.channels.map((c) => c.name), ...base.roles.map((r) => r.name)];
     const guess = typed?.name !== undefined ? typed.name : column.role_guess && names.includes(column.role_guess) && !base.left_out.includes(column.role_guess) ? column.role_guess : '';
-    const is = free ? h('input', { type: 'text', value: typed?.name ?? plain(column.name), 'aria-label': `name of ${column.name}; empty: not mapped` })
+    const is = free ? h('input', { type: 'text', value: typed?.name ?? column.name_guess, 'aria-label': `name of ${column.name}; empty: not mapped` })
       : h('select', { 'aria-label': `what ${column.name} is` }, h('option', { value: '', text: 'not mapped' }),
         h('optgroup', { label: 'measured (predicted by the model)' }, base.channels.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === guess }))),
         h('optgroup', { label: 'inputs' }, base.roles.filter((r) => !base.channels.some((c) => c.name === r.name)).map((r) => h('option', { value: r.name, text: `${r.name}${r.needed ? ' (needed)' : ''}`, selected: r.name === guess }))));

@@ -89,7 +89,7 @@ type CasePage = import('./case_page.js').CasePage;
 
 // ---------------------------------------------------------------- measurements into a case
 
-interface UploadColumn { name: string; numeric: boolean; preview: string[]; min: number | null; max: number | null; role_guess: string | null; unit_guess: string }
+interface UploadColumn { name: string; numeric: boolean; preview: string[]; min: number | null; max: number | null; role_guess: string | null; unit_guess: string; name_guess: string }
 interface Upload {
   id: string; name: string; kind: 'csv' | 'parquet' | 'log' | 'dbc'; rows: number; columns: UploadColumn[]; warnings: string[];
   base_guess: string | null; run_guess: string | null; draft: MapDraft | null;

@@ -20,7 +20,7 @@ import numpy as np
 from terrapin_hil.physics.expression import is_name
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base
-from terrapin_tools.workbench.bases.kinds.names import in_letters
+from terrapin_tools.workbench.bases.kinds.names import free_name, in_letters
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked, meant
 from terrapin_tools.workbench.files.split_runs import TIMES
@@ -44,7 +44,9 @@ from terrapin_tools.workbench.new_case.reading import (
 
 FEW_RUNS = 2  # of which none is held out: one run alone does not tell what differs between runs
 
-__all__ = ["Guess", "base_of", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case"]
+__all__ = [
+    "Guess", "base_of", "distinct_names", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case",
+]  # fmt: skip
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
     "rad_per_s": "rad/s", "rad_s2": "rad/s^2", "rad_s": "rad/s", "radps": "rad/s", "rpm": "rpm", "deg_s": "deg/s",
@@ -520,7 +522,7 @@ def _document(folder: Path, files: Sequence[Path], title: str, base: Base, read:
     if said := read.asked.said():
         lines += ["", "[data.read]", *(f"{key} = {_quoted(value)}" for key, value in said.items())]
     if groups := read.groups:
-        own_names = _distinct_names(groups)
+        own_names = distinct_names(groups)
         lines += ["", "[groups]  # of runs; a parameter with by = NAME has a value for each"]
         lines += [f"{n} = {{ column = {_quoted(c)} }}  # {', '.join(groups[c])}" for c, n in own_names.items()]
     lines += ["", "[data.columns]  # give channels sigma = ... where the noise of one row is known"]
@@ -539,17 +541,20 @@ def _names(mapped: Sequence[Guess], base: Base) -> list[str]:
     """What each column is called in case.toml, none twice."""
     if not base.own_names:
         return [str(guess.name) for guess in mapped]
-    return list(_distinct_names([guess.column for guess in mapped]).values())
+    return list(distinct_names([guess.column for guess in mapped]).values())
 
 
-def _distinct_names(columns: Sequence[str] | Mapping[str, object]) -> dict[str, str]:
-    """Column -> a name that case.toml can use, none twice."""
+def distinct_names(columns: Sequence[str] | Mapping[str, object]) -> dict[str, str]:
+    """Column -> a name that case.toml can use, none twice.
+
+    >>> distinct_names(["\u00d6ltemperatur [\u00b0C]", "5 V rail", "T_K", "T [degC]"])
+    {'\u00d6ltemperatur [\u00b0C]': 'oeltemperatur', '5 V rail': 'c_5_v_rail', 'T_K': 't', 'T [degC]': 't_'}
+    """
     found: dict[str, str] = {}
+    taken: set[str] = set()
     for column in columns:
-        name = _name(column)
-        while name in found.values():
-            name += "_"
-        found[column] = name
+        found[column] = free_name(_name(column), taken)
+        taken.add(found[column])
     return found
 
 
