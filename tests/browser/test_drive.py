@@ -109,8 +109,10 @@ def test_arm_run_and_stop(robot: Page, server: Server, browser: Browser) -> None
     expect(page.locator(".drive-panel")).not_to_contain_text("before you arm it")
     page.get_by_label("Setpoint as a number").fill("5")
     page.get_by_label("Setpoint as a number").dispatch_event("change")
-    expect(page.get_by_label("Setpoint as a number")).to_have_value("1")
-    expect(page.locator(".tab-live > .notice")).to_contain_text("found 5 m/s, expected at most 1 either way: 1 is set")
+    expect(page.get_by_label("Setpoint as a number")).to_have_value("2.16")
+    expect(page.locator(".tab-live > .notice")).to_contain_text(
+        "found 5 m/s, expected at most 2.16 either way: 2.16 is"
+    )
     page.evaluate("() => { const end = Date.now() + 1500; while (Date.now() < end); }")  # its heart stands still
     expect(page.locator(".tab-live > .notice")).to_contain_text("No longer armed: nothing heard of the page")
     runs(page)

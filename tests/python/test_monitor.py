@@ -15,6 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from fcntl import ioctl
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -23,11 +24,13 @@ from textual.widgets import DataTable, Input, Static
 from terrapin_hil import paths
 from terrapin_hil.messages import interface
 from terrapin_hil.nodes import Node
+from terrapin_interface.description import load
+from terrapin_interface.robot import find_robot, load_robot
 from terrapin_tools.logs.decoding import Decoder
 from terrapin_tools.logs.frames import ERROR, Frames, frames
 from terrapin_tools.monitor import sources
 from terrapin_tools.monitor.app import MonitorApp
-from terrapin_tools.monitor.controls import Controls
+from terrapin_tools.monitor.controls import Controls, reach
 from terrapin_tools.monitor.driving import Driving
 from terrapin_tools.monitor.live import Live
 from terrapin_tools.monitor.plot import braille
@@ -285,6 +288,16 @@ class FakeBus:
 
     def send(self, identifier: int, data: bytes) -> None:
         self.frames.append((identifier, data))
+
+
+@pytest.mark.parametrize("name", ["cylinder", "roller", "sphere"])
+def test_a_setpoint_reaches_as_far_as_the_robot_takes_it(name: str) -> None:
+    """The page ended at 12 V for a robot of 24 V as well."""
+    robot = load_robot(find_robot(name))
+    parameters = {one.name: one for one in load(robot=robot).parameters}
+    found = reach(SimpleNamespace(parameter=parameters.__getitem__))  # type: ignore[arg-type]
+    assert found["voltage"] == pytest.approx(1.2 * robot.limits["voltage"]) == pytest.approx(robot.supply)
+    assert found["speed"] == pytest.approx(robot.free_speed * robot.plant["drive_radius"], rel=1e-3)
 
 
 def test_keys_that_drive() -> None:

@@ -128,7 +128,8 @@ def test_a_page_drives_and_halts(robot: Server) -> None:
     """Armed by name, driven by beats, halted by disarming: the bridge is off, and no fault was needed for it."""
     with page(robot) as one, page(robot) as other:
         assert one.hello["kind"] == "robot"
-        assert one.hello["drive"]["voltage"] == {"unit": "V", "limit": 32.0}
+        assert one.hello["drive"]["voltage"] == {"unit": "V", "limit": 12.0}
+        assert one.hello["drive"]["speed"] == {"unit": "m/s", "limit": pytest.approx(2.16)}
         drive(robot, one)
         assert one.status["drive"]["driver"] == one.name
         assert abs(one.value("TRUTH.torque")) > 0.0

@@ -24,7 +24,7 @@ from terrapin_tools.logs.frames import Frames
 from terrapin_tools.monitor.sources import Bus
 from terrapin_tools.param.session import Session as Parameters
 
-__all__ = ["HEART", "LIMITS", "Controls", "NotNow", "Order"]
+__all__ = ["HEART", "LIMITS", "Controls", "NotNow", "Order", "reach"]
 
 HEART = 0.4  # s after the last beat (one each 0.1 s) in which commands still go out
 FIRST = 3.0  # s that a page has for its first beat, before which no command goes out
@@ -48,6 +48,16 @@ class Order:
     control: Literal["voltage", "speed"] = "speed"
     setpoint: float = 0.0
     limiter: bool = True
+
+
+def reach(interface: Interface) -> dict[str, float]:
+    """How far setpoints go either way with the robot that this is the description of, by control: to the most that its
+    voltage_limit can be [V], and to the speed that this gives without load [m/s of the shell's rim]."""
+    limit = interface.parameter("voltage_limit")
+    arm, constant = (interface.parameter(name) for name in ("drive_radius", "torque_constant"))
+    volts = limit.maximum * limit.scale
+    speed = volts * (arm.default * arm.scale) / (constant.default * constant.scale)
+    return {name: min(most, LIMITS[name][1]) for name, most in (("speed", speed), ("voltage", volts))}
 
 
 class Controls:

@@ -23,7 +23,7 @@ from terrapin_hil.scenario.faults import FOREVER
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import Decoded, Decoder
 from terrapin_tools.logs.writing import LogWriter
-from terrapin_tools.monitor.controls import LIMITS, Controls
+from terrapin_tools.monitor.controls import LIMITS, Controls, reach
 from terrapin_tools.monitor.live import Event, Live
 from terrapin_tools.monitor.sources import Bus, LogFile, Simulator, Source
 from terrapin_tools.web.live.picture import PAST, Picture, Ring, reduced
@@ -252,8 +252,8 @@ class Session:
             "type": "hello",
             "name": self.source.name,
             "kind": self.kind,
-            "drive": {name: {"unit": unit, "limit": limit} for name, (unit, limit) in LIMITS.items()}
-            if self.controls is not None
+            "drive": {name: {"unit": LIMITS[name][0], "limit": most} for name, most in reach(self._interface).items()}
+            if self.controls is not None and self._interface is not None
             else None,
             "command": self.command,
             "watch": self.watch,

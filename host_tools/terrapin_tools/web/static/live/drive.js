@@ -13,7 +13,7 @@ const WHY = {
   other: 'The DBC is not the controller’s own, so this page cannot speak to it.',
 };
 /** @type {Record<string, [number, number]>} */
-const RANGES = { speed: [1, 0.01], voltage: [12, 0.1] }; // of the slider, and its step
+const RANGES = { speed: [1, 0.01], voltage: [12, 0.1] }; // of the slider where the source says none, and its step
 
 export class Drive {
   /** @param {LiveDesk & { telemetry: import('./telemetry.js').Telemetry, command(body: object): Promise<any>, setPaused(on: boolean): void, strip: { paused: number | null }, parameters: import('./parameters.js').Parameters }} desk */
@@ -21,6 +21,8 @@ export class Drive {
     this.desk = desk;
     this.page = this.kind = '';
     this.mine = this.leaving = this.can = false;
+    /** @type {Record<string, { limit: number }>} */
+    this.limits = {};
     this.request = 'idle';
     /** @type {number | undefined} */
     this.timer = undefined;
@@ -63,6 +65,8 @@ export class Drive {
     this.stopBeating();
     this.page = said.page || '';
     this.kind = said.name === null ? '' : said.kind || 'bus';
+    this.limits = said.drive || {};
+    this.ranges();
     this.can = Boolean(said.drive);
     this.say();
     this.about.hidden = said.name === null || !said.stop;
@@ -80,16 +84,22 @@ export class Drive {
       : this.mine ? 'Armed: this page drives. Space stops, whatever has the focus.' : 'Nothing goes to the robot before you arm it.');
   }
 
+  /** What the robot that is watched takes either way, in whole steps, and the step. @returns {[number, number]} */
+  range() {
+    const [most, step] = RANGES[this.control.value], limit = this.limits[this.control.value]?.limit ?? most;
+    return [Number((Math.floor(limit / step + 1e-6) * step).toFixed(2)), step];
+  }
+
   /** A setpoint that was typed: what is beyond the slider's ends is not taken as it is, and said. */
   typed() {
-    const [most] = RANGES[this.control.value], asked = Number(this.number.value) || 0, taken = Math.min(most, Math.max(-most, asked));
+    const [most] = this.range(), asked = Number(this.number.value) || 0, taken = Math.min(most, Math.max(-most, asked));
     if (taken !== asked) this.desk.tell(`setpoint: found ${number(asked)} ${this.unit.textContent}, expected at most ${most} either way: ${number(taken)} is set`);
     this.number.value = this.slider.value = String(taken);
     this.beat();
   }
 
   ranges() {
-    const [most, step] = RANGES[this.control.value];
+    const [most, step] = this.range();
     for (const input of [this.slider, this.number]) Object.assign(input, { min: String(-most), max: String(most), step: String(step), value: '0' });
     this.unit.textContent = this.control.value === 'voltage' ? 'V' : 'm/s';
     this.beat();
@@ -115,7 +125,7 @@ export class Drive {
   /** This page is there, and wants this. */
   beat() {
     if (!this.mine || document.hidden) return;
-    const [most] = RANGES[this.control.value], setpoint = Math.min(most, Math.max(-most, Number(this.number.value) || 0));
+    const [most] = this.range(), setpoint = Math.min(most, Math.max(-most, Number(this.number.value) || 0));
     this.desk.telemetry.send({ beat: { request: this.request, control: this.control.value, setpoint, limiter: this.limiter.checked } });
   }
 

@@ -101,11 +101,15 @@ export class ScenarioForm {
 
   /** @param {Scenario} scenario @param {Changes} changes */
   operator(scenario, changes) {
-    const orders = scenario.orders.map((o, i) => (o.request !== 'run' ? null : this.slider(`${o.control} from ${number(o.at)} s`, o.control === 'speed' ? -1.5 : -12, o.control === 'speed' ? 1.5 : 12, o.setpoint, o.control === 'speed' ? 0.01 : 0.1, o.control === 'speed' ? 'm/s' : 'V', (v) => { changes.setpoints[i] = v; })));
+    const orders = scenario.orders.map((o, i) => {
+      const speed = o.control === 'speed', set = Math.abs(o.setpoint);
+      const most = speed ? Math.max(1.5, Math.ceil(2 * set)) : Math.max(12, Math.ceil(Math.max(scenario.supply, set)));
+      return o.request !== 'run' ? null : this.slider(`${o.control} from ${number(o.at)} s`, -most, most, o.setpoint, speed ? 0.01 : 0.1, speed ? 'm/s' : 'V', (v) => { changes.setpoints[i] = v; });
+    });
     const limiter = h('input', { type: 'checkbox', id: 'sim-limiter', checked: changes.limiter, onchange: () => { changes.limiter = limiter.checked; this.command(); } });
     return [...orders,
       h('div', { class: 'row' }, limiter, h('label', { for: 'sim-limiter', text: 'slip limiter' })),
-      this.slider('supply', 0, 20, changes.supply, 0.1, 'V', (v) => { changes.supply = v; }),
+      this.slider('supply', 0, Math.max(20, Math.ceil(1.5 * scenario.supply)), changes.supply, 0.1, 'V', (v) => { changes.supply = v; }),
       this.slider('duration', 1, Math.max(60, scenario.duration), changes.duration, 1, 's', (v) => { changes.duration = v; }),
       this.slider('seed', 0, 50, changes.seed, 1, '', (v) => { changes.seed = v; })];
   }
