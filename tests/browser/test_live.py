@@ -325,6 +325,27 @@ def test_a_batch_says_why_it_did_not_begin_and_what_can_be_varied(page: Page) ->
     assert serious(page) == []
 
 
+def test_sliders_hold_what_is_set_for_a_robot_of_more_volts(page: Page) -> None:
+    """One of 15.9 V stood at its end of 12 V, and a supply of 24 V at 20 V."""
+
+    def of_24_volts(route: Route) -> None:
+        answer = route.fetch()
+        told = answer.json()
+        for scenario in told["scenarios"]:
+            scenario["supply"] = 24.0
+            for order in scenario["orders"]:
+                order["setpoint"] = 15.9 if order["control"] == "voltage" else 2.4
+        route.fulfill(response=answer, json=told)
+
+    page.route("**/api/scenarios", of_24_volts)
+    page.get_by_role("link", name="Simulate").click()
+    page.locator("#sim-scenario").select_option("steady_sand")
+    expect(page.get_by_label("voltage from 0 s")).to_have_value("15.9")
+    expect(page.get_by_label("supply", exact=True)).to_have_value("24")
+    page.locator("#sim-scenario").select_option("speed_control")
+    expect(page.get_by_label("speed from 0 s")).to_have_value("2.4")
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_a_run_rolls_and_is_kept(page: Page, server: Server, scheme: str) -> None:
     page.emulate_media(color_scheme=scheme)

@@ -270,6 +270,17 @@ def test_making_a_case_is_cancelled_in_the_page(page: Page, server: Server) -> N
     wait_for(lambda: page.wait_for_timeout(50) or "long_one.csv" not in {u["name"] for u in server.get("/api/uploads")})
 
 
+def test_a_heading_with_an_umlaut_is_proposed_as_a_name_in_letters(page: Page) -> None:
+    content = "t [s];Öltemperatur [°C];Moment [N m]\n" + "".join(f"{i};{20 + i % 7};{3 + i % 5}\n" for i in range(40))
+    file = {"name": "bath.csv", "mimeType": "text/csv", "buffer": content.encode()}
+    page.locator("#files").set_input_files([file])  # type: ignore[list-item]
+    form = page.get_by_role("form", name="Map the columns")
+    form.get_by_role("combobox", name=re.compile("^model")).select_option("equation")
+    expect(form.get_by_label("name of Öltemperatur [°C]")).to_have_value("oeltemperatur")
+    form.get_by_role("button", name="Discard").click()
+    expect(form).to_have_count(0)
+
+
 def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:
     """What stands in the strip, typed into a shell in the server's folder."""
     command = page.locator("#command")

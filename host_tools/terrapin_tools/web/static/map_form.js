@@ -4,12 +4,9 @@ import { Reading } from './map_read.js';
 
 const MOST_ROWS = 2e6; // of a case
 const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
-/** @type {Record<string, string>} */
-const WRITTEN = { ä: 'ae', ö: 'oe', ü: 'ue', ß: 'ss' };
-/** A name for a case, from that of a file: umlauts written out, other letters without their marks. @param {string} name */
+/** A name for a case, from that of a file. @param {string} name */
 const plain = (name) => {
-  const letters = name.toLowerCase().normalize('NFKC').replace(/[äöüß]/g, (letter) => WRITTEN[letter]).normalize('NFKD').replace(/\p{M}/gu, '');
-  const word = letters.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '');
+  const word = name.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '').toLowerCase();
   return /^[a-z_]/.test(word) ? word : `c_${word}`;
 };
 
