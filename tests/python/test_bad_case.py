@@ -132,7 +132,7 @@ WRONG: dict[str, tuple[Change, list[str]]] = {
     "a line break in a file's name": (toml('"runs.csv"', '"a\\nb.csv"'), ["a\\nb.csv", "no such file"]),
     "a name too long": (toml('"runs.csv"', f'"{"a" * 300}.csv"'), ["readable file"]),
     "one file under two names": (toml('"runs.csv"', '"runs.csv", "./runs.csv"'), ["case.toml:20", "once"]),
-    "a device": (toml('"runs.csv"', '"/dev/zero"'), ["/dev/zero", "no such file"]),
+    "a device": (toml('"runs.csv"', '"/dev/zero"'), ["/dev/zero", "no such file (data.files)"]),
     # the table
     "a folder for the table": (folder_for("runs.csv"), ["runs.csv", "is a folder"]),
     "a table that fails on reading": (unreadable("runs.csv"), ["runs.csv", "Input/output error"]),
