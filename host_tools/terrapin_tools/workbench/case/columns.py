@@ -6,6 +6,7 @@ import os
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -287,10 +288,10 @@ def _read_files(
     text = {run, *group_columns(tables).values()}
     with tables.about("data", "read"):
         asked = Asked.of(tables.table("data", "read"), "data.read")
-    for name in files:
-        path = folder / name
-        if name not in held and not (path.is_file() or path.is_dir()):
-            raise UserError(f"{path}: no such file (data.files)")
+    for path in (folder / name for name in files if name not in held):
+        with suppress(OSError):  # which reading it tells
+            if not (path.is_file() or path.is_dir()):
+                raise UserError(f"{path}: no such file (data.files)")
     return [held[name] if name in held else read(folder / name, dbc, period, needed, text, asked) for name in files]
 
 
