@@ -1307,7 +1307,8 @@ def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
         shapes = {"drag": [Shape("drag", (), np.ones((8, 1)), 1.0, 0.0, 1.0)],
             "wave": [Shape("wave", (), np.full((8, 2), 3.0), 1.0, 0.0, 1.0)]}  # fmt: skip
         noise = SimpleNamespace(sigma=np.array([0.5, 2.0]), behind=3.0, known=np.array([True, False]), kinds=[1])
-        case = SimpleNamespace(run=np.zeros(6, dtype=int), train=np.arange(6) < 3)
+        base = SimpleNamespace(whole_runs=False)
+        case = SimpleNamespace(run=np.zeros(6, dtype=int), train=np.arange(6) < 3, base=base)
         analysis: Any = SimpleNamespace(
             case=case, model=SimpleNamespace(channels=("f", "g")), rows=np.arange(6) > 1, noise=noise, felt=None,
             prediction=np.ones((2, 4)), shapes=shapes, fit="fit", nuisance=np.full((2, 4, 1), 9.0),

@@ -90,8 +90,9 @@ def _classes(*masses: float, partly: float = 0.0) -> list[Class]:
 
 
 def _decided(
-    monkeypatch: pytest.MonkeyPatch, every: list[Class], p_value: float = 1.0, known: Any = None, **shares: float
-) -> Decision:
+    monkeypatch: pytest.MonkeyPatch, every: list[Class], p_value: float = 1.0, known: Any = None, as_found: float = 0.0,
+    **shares: float,
+) -> Decision:  # fmt: skip
     def probability(*kinds: str) -> float:
         return sum(shares.get(kind, 0.0) for kind in kinds)
 
@@ -102,8 +103,11 @@ def _decided(
     )
     analysis: Any = SimpleNamespace(missing=True, case=SimpleNamespace(run_names=()))
     monkeypatch.setattr(decide, "classes", lambda *_: every)
-    monkeypatch.setattr(decide, "left", lambda *_: Left(1.0, 1.0, p_value))
+    monkeypatch.setattr(
+        decide, "left", lambda of, fit: Left(1.0, 1.0, max(p_value, as_found if of is not analysis else 0.0))
+    )
     monkeypatch.setattr(decide, "_halving", lambda *_: known)
+    monkeypatch.setattr(decide, "_as_found", lambda analysis, answer: SimpleNamespace())
     monkeypatch.setattr(decide, "_worth", lambda analysis, ranking, top: top)
     return decide.decide(analysis, ranking, 0.05)
 
@@ -121,6 +125,7 @@ def test_what_has_most_mass_is_the_verdict(monkeypatch: pytest.MonkeyPatch) -> N
     # what is left is clearly no noise: at a level of 0.05 from a thousandth on
     assert said(_classes(0.8, 0.1), p_value=0.0009) == ("partial", calibrated(0.9991, "unexplained"), "a", "")
     assert said(_classes(0.8, 0.1), p_value=0.0011)[0] == "missing"
+    assert said(_classes(0.8, 0.1), p_value=0.0009, as_found=0.5)[0] == "missing"  # noise that was stated too small
     found = _decided(monkeypatch, _classes(0.3), run=0.6, lag=0.05)
     assert (found.verdict, found.blamed, found.probability) == (
         "unexplained", Blamed("run", ("seven",)), pytest.approx(0.6)
@@ -128,6 +133,27 @@ def test_what_has_most_mass_is_the_verdict(monkeypatch: pytest.MonkeyPatch) -> N
     found = _decided(monkeypatch, _classes(0.3), run=0.2, lag=0.2)
     assert (found.verdict, found.blamed, found.probability) == ("unexplained", None, pytest.approx(0.4))
     assert len(found.classes) == 1
+
+
+@pytest.mark.parametrize(
+    ("wrong", "ratio", "found"),
+    [([0.95], [3.0], True), ([0.95], [3.01], False), ([], [1.0], False), ([0.0], [1.0], False)],
+)
+def test_noise_is_as_found_where_a_user_may_be_wrong_in_it(
+    monkeypatch: pytest.MonkeyPatch, wrong: list[float], ratio: list[float], found: bool
+) -> None:
+    @dataclass(frozen=True)
+    class Of:
+        case: str
+        noise: Any
+
+    noise = SimpleNamespace(wrong=np.array(wrong), ratio=np.array(ratio))
+    asked: list[Any] = []
+    monkeypatch.setattr(decide, "noise_around", lambda *given, again: asked.append((*given, again)) or noise)
+    analysis: Any = Of("case", "stated")
+    fit: Any = "answer"
+    assert decide._as_found(analysis, fit).noise is (noise if found else "stated")
+    assert asked == [("case", "answer", "stated", True)]
 
 
 @pytest.mark.parametrize("behind", [0.0, STATED])
