@@ -216,6 +216,8 @@ def test_checks(text: str, passed: bool) -> None:
         ("a.b.c < 1", "is no signal"),
         ("x" * 600, "longer than"),
         ("max(True) < 1", "neither a number nor a word"),
+        ("max(slip)", r"'max\(slip\)' is a number, not yes or no"),
+        ("any(slip > 1) and not (max(slip) < 1 or mean(slip))", r"'mean\(slip\)' is a number"),
     ],
 )
 def test_wrong_checks_are_refused(text: str, message: str) -> None:
@@ -226,7 +228,8 @@ def test_wrong_checks_are_refused(text: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("max(slop) < 1", "no signal 'slop'"),
+        ("max(slop) < 1", "no signal 'slop'; is `slip` meant\\? it has slip, and MESSAGE.signal of A$"),
+        ("any(A.stat == 1)", "no signal 'A.stat'; is `A.state` meant\\? A has A.state$"),
         ("any(A.state == 'flying')", "'flying' is no value of A.state; known: idle, stuck"),
         ("slip < 1", "put any"),
     ],

@@ -11,6 +11,7 @@ value of the enumeration of the signal it is compared with: `any(ACTUATE.state =
 from __future__ import annotations
 
 import ast
+import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -36,6 +37,7 @@ REDUCTIONS: dict[str, Callable[[Array], float]] = {
     "all": lambda a: float(np.all(a != 0)),
     "count": lambda a: float(np.sum(a != 0)),
 }
+YES_OR_NO = ("any", "all", "first", "last")  # alone they are a check: of a flag the last two, too
 FUNCTIONS: dict[str, Callable[[Any], Any]] = {"abs": np.abs, "sqrt": np.sqrt}
 BINARY: dict[type[ast.operator], Callable[[Any, Any], Any]] = {
     ast.Add: lambda a, b: a + b,
@@ -188,7 +190,7 @@ class _Run:
 
     def _signal(self, name: str) -> Array:
         if name not in self.signals:
-            raise CheckError(f"the run has no signal '{name}'; it has {', '.join(sorted(self.signals))}")
+            raise CheckError(f"the run has no signal '{name}'; {_what_there_is(name, self.signals)}")
         return self.signals[name]
 
     def _window(self, node: ast.Subscript) -> Array:
@@ -292,6 +294,23 @@ def _verify(node: ast.AST) -> None:
         _verify(child)
 
 
+def _what_there_is(name: str, signals: Iterable[str]) -> str:
+    """What may have been meant: of hundreds of names those that are near, or those of its message."""
+    near = difflib.get_close_matches(name, list(signals), 1)
+    message, dot, _ = name.partition(".")
+    same = sorted(known for known in signals if known.startswith(f"{message}."))
+    alone = sorted(known for known in signals if "." not in known)
+    messages = sorted({known.partition(".")[0] for known in signals if "." in known})
+    said = [f"is `{near[0]}` meant?"] if near else []
+    if dot and same:
+        said.append(f"{message} has {', '.join(same)}")
+    else:
+        said.append(
+            f"it has {', '.join(alone)}" + (f", and MESSAGE.signal of {', '.join(messages)}" if messages else "")
+        )
+    return " ".join(said)
+
+
 def parse_check(text: str) -> Check:
     """Reads a check. CheckError (a ValueError) says what is wrong with it.
 
@@ -303,7 +322,18 @@ def parse_check(text: str) -> Check:
     tree = _parsed(text)
     if not isinstance(tree, ast.Compare | ast.BoolOp | ast.UnaryOp | ast.Call):
         raise CheckError("expected a comparison, such as max(slip) < 0.55")
+    for part in _parts(tree):
+        if isinstance(part, ast.Call) and isinstance(part.func, ast.Name) and part.func.id not in YES_OR_NO:
+            said = ast.unparse(part)
+            raise CheckError(f"{said!r} is a number, not yes or no; expected a comparison, such as {said} < 0.55")
     return Check(text, tree)
+
+
+def _parts(tree: ast.expr) -> list[ast.expr]:
+    """What `and`, `or` and `not` join."""
+    if isinstance(tree, ast.BoolOp):
+        return [part for value in tree.values for part in _parts(value)]
+    return _parts(tree.operand) if isinstance(tree, ast.UnaryOp) and isinstance(tree.op, ast.Not) else [tree]
 
 
 def parse_number(text: str) -> Check:
