@@ -72,7 +72,7 @@ def test_convert_and_replay(run: Path, tmp_path: Path, kind: str) -> None:
 
 
 def test_convert_to_signals(run: Path, tmp_path: Path) -> None:
-    terrapin("log", "convert", run, tmp_path / "x.parquet", "--period", "20 ms")
+    terrapin("log", "convert", run, tmp_path / "x.parquet", "--period", "20ms")
     table = pyarrow.parquet.read_table(tmp_path / "x.parquet")
     np.testing.assert_allclose(table["time"].to_numpy(), np.arange(100) * 0.02)
     assert "GROUND.torque" in table.column_names
@@ -84,7 +84,8 @@ def test_convert_refuses(run: Path, tmp_path: Path) -> None:
     assert "exists already" in terrapin("log", "convert", run, there, status=2).stderr
     assert there.read_text() == "keep"
     assert "unknown kind of log '.txt'" in terrapin("log", "convert", run, tmp_path / "x.txt", status=2).stderr
-    assert "expected a time" in terrapin("log", "convert", run, tmp_path / "x.csv", "--period", "soon", status=2).stderr
+    said = terrapin("log", "convert", run, tmp_path / "x.csv", "--period", "soon", status=2).stderr
+    assert "--period: found 'soon', expected a time" in said
     assert sorted(p.name for p in tmp_path.iterdir()) == ["x.log"]
 
 
@@ -98,6 +99,18 @@ def test_replay(run: Path, tmp_path: Path) -> None:
     assert 0 < answer["different_ticks"] < answer["ticks"]
     assert answer["first"][0]["message"] in ("GROUND", "STATUS", "ELECTRICAL", "ACTUATE")
     assert answer["first"][0]["recorded"] != answer["first"][0]["now"]
+
+
+def test_replay_of_what_a_crash_left(run: Path, tmp_path: Path) -> None:
+    """The tick in which the log ends may lack answers: no difference. Without a run.toml it says whose parameters."""
+    whole = (run / "telemetry.log").read_text().splitlines(keepends=True)
+    answered = [i for i, line in enumerate(whole) if " 180#" in line]  # the first answer of a tick that has two
+    last = next(i for i in reversed(answered) if i + 1 < len(whole) and " 18" in whole[i + 1])
+    (tmp_path / "x.log").write_text("".join(whole[: last + 1]) + whole[last + 1][:-6])
+    done = terrapin("log", "replay", tmp_path / "x.log")
+    assert "every answer is the recorded one" in done.stdout
+    assert "no run.toml beside" in done.stdout
+    assert "run.toml" not in terrapin("log", "replay", run).stdout
 
 
 def test_replay_needs_ticks(tmp_path: Path) -> None:

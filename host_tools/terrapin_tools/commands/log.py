@@ -140,21 +140,20 @@ def _signals(path: Path, decoder: Decoder | None, period: str, to: Path) -> int:
     import pyarrow.csv
     import pyarrow.parquet
 
+    from terrapin_hil.reading import parse_quantity
     from terrapin_tools.logs.resample import as_arrow, signals_on_grid
-    from terrapin_tools.workbench.files import units
 
     if decoder is None:
         raise UserError("signals need a DBC: --dbc FILE")
     if to.suffix.lower() not in (".csv", ".parquet"):
         raise UserError(f"--period: signals go to .csv or .parquet, found {to.suffix!r}")
     try:
-        number, _, unit = period.strip().partition(" ")
-        grid = units.convert(float(number), unit or "s", "s")
-    except ValueError as error:
-        raise UserError(f"--period: {error}, expected a time such as '10 ms'") from None
+        grid = parse_quantity(period, "s")
+    except ValueError:
+        raise UserError(f"--period: found {period!r}, expected a time such as '10 ms'") from None
     if not grid > 0:
         raise UserError(f"--period: found {period!r}, expected more than 0")
-    columns = signals_on_grid(path, decoder, float(grid))
+    columns = signals_on_grid(path, decoder, grid)
     if to.suffix.lower() == ".csv":
         pyarrow.csv.write_csv(pyarrow.table(columns), to, pyarrow.csv.WriteOptions(quoting_style="none"))
     else:
@@ -250,7 +249,7 @@ def replay(
     _warn(path, cut)
     try:
         with open_link(link, link_key=link_key) as opened:
-            found = again(frames, opened, values, description, real_time)
+            found = again(frames, opened, values, description, real_time, cut=bool(cut))
     except ParameterError as error:
         raise UserError(str(error), status=1) from None
     answer: dict[str, Any] = {
@@ -262,8 +261,11 @@ def replay(
         "seconds": found.seconds,
     }
     text = [f"{found.ticks} ticks, {found.frames} answers compared in {found.seconds:.2f} s"]
+    if not source:
+        text.append(f"no run.toml beside {path}: parameters at their defaults; --parameters FILE says others")
     if found.different:
-        text.append(f"{found.different} ticks differ; the first:")
+        differ = "1 tick differs" if found.different == 1 else f"{found.different} ticks differ; the first"
+        text.append(f"{differ}:")
         for d in found.differences:
             said = f"{d.signal}: recorded {d.recorded:g}, now {d.now:g}" if d.signal else "another frame, or none"
             text.append(f"  {d.time:.3f} s  {d.message} {said}")

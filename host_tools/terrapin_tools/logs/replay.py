@@ -47,10 +47,13 @@ def replay(
     interface: Interface,
     real_time: bool = False,
     report: Callable[[float], None] = lambda _: None,
+    *,
+    cut: bool = False,
 ) -> Replay:
     """Send the host's frames of a log of lockstep (SENSORS_FAST ends a tick) over a link, and compare.
 
-    `real_time` keeps the log's times instead of going as fast as it can. UserError when the log holds no ticks.
+    `real_time` keeps the log's times instead of going as fast as it can. Of a log that was `cut` off the last tick
+    may lack answers, and is left out. UserError when the log holds no ticks.
     """
     ends = np.flatnonzero(log.identifiers == interface.messages["SENSORS_FAST"].id)
     if not len(ends):
@@ -62,6 +65,8 @@ def replay(
     compared = different = first = 0
     differences: list[Difference] = []
     limits = [*ends.tolist()[1:], len(rows)]
+    if cut and len(ends) > 1:
+        ends, limits = ends[:-1], limits[:-1]
     for tick, (end, following) in enumerate(zip(ends.tolist(), limits, strict=True)):
         sent = [frame for frame in rows[first : end + 1] if frame[0] in host]
         recorded = []
