@@ -39,3 +39,15 @@ def test_flashing_is_rehearsed(tmp_path: Path) -> None:
     again: list[str] = []
     robot(PtyPort(), flash, again).close()
     assert again == ["started slot A, version 1.2.0"]
+
+
+def test_a_reset_with_an_empty_flash_says_that_the_boot_loader_stays(tmp_path: Path) -> None:
+    """As on a chip. The robot is silent then: who asked for the reset is told why, and the way out works."""
+    one = robot(PtyPort(), tmp_path / "flash.bin", [])
+    said = change(one, "reset = now")
+    assert "the boot loader stays: expected `terrapin flash`" in said
+    assert one.state()["state"] == "boot loader"
+    assert change(one, "reset = now") == "the controller was reset"
+    one.tick()
+    assert one.state()["state"] != "boot loader"
+    one.close()

@@ -132,7 +132,12 @@ def _estop(robot: Living, text: str) -> str:
 def _reset(robot: Living, text: str) -> str:
     _choice("reset", text, {"now": 0})
     robot.restart()
-    return "the controller was reset"
+    if robot.alive:
+        return "the controller was reset"
+    return (
+        "the controller was reset; no image is in its flash, so the boot loader stays: expected `terrapin flash`, "
+        "or reset = now again, which starts it as a probe would"
+    )
 
 
 CHANGES: dict[str, tuple[Callable[[Living, str], str], str]] = {
