@@ -6,6 +6,7 @@ No DBC library in the way: a tick of lockstep encodes two messages and decodes o
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -136,6 +137,10 @@ class Parameter(entries.Parameter):
     def raw(self, physical: float) -> int:
         """Nearest raw value. ParameterError when it is outside the parameter's range (or not a number)."""
         low, high = self.minimum * self.scale, self.maximum * self.scale
+        if self.scale == 1 and self.unit in ("", "1") and math.isfinite(physical) and physical != round(physical):
+            raise ParameterError(
+                f"parameter {self.name}: found {physical:g}, expected a whole number, {low:g} to {high:g}"
+            )
         slack = self.scale / 2  # so that a bound written as a decimal is inside
         if not low - slack <= physical <= high + slack:
             unit = f" {self.unit}" if self.unit else ""

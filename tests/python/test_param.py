@@ -111,6 +111,7 @@ def test_volatile_values_are_not_kept(tmp_path: Path) -> None:
         (("set", "radius", "3 km"), "parameter radius: 3000 m is outside 0.01 to 0.5 m"),
         (("set", "radius", "3 kg"), "parameter radius: found '3 kg', expected a number in m"),
         (("set", "radius", "nan"), "parameter radius"),
+        (("set", "trim_current", "0.5"), "parameter trim_current: found 0.5, expected a whole number, 0 to 1"),
         (("set", "radius", "1e999"), "parameter radius"),
         (("set", "radius", "9", "--raw"), "parameter radius: raw 9 is outside 10000 to 500000"),
         (("set", "radius", "8.5", "--raw"), "parameter radius: found '8.5', expected an integer"),
