@@ -86,6 +86,8 @@ def test_convert_refuses(run: Path, tmp_path: Path) -> None:
     assert "unknown kind of log '.txt'" in terrapin("log", "convert", run, tmp_path / "x.txt", status=2).stderr
     said = terrapin("log", "convert", run, tmp_path / "x.csv", "--period", "soon", status=2).stderr
     assert "--period: found 'soon', expected a time" in said
+    said = terrapin("log", "convert", run, tmp_path / "no" / "x.blf", status=2).stderr
+    assert f"x.blf: there is no folder {tmp_path / 'no'}" in said
     assert sorted(p.name for p in tmp_path.iterdir()) == ["x.log"]
 
 

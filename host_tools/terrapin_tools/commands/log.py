@@ -104,6 +104,8 @@ def convert(
         raise UserError(f"{to}: unknown kind of log {to.suffix!r}, expected one of {' '.join(kinds)}")
     if to.exists() and not force:
         raise UserError(f"{to}: exists already; --force replaces it")
+    if not to.parent.is_dir():
+        raise UserError(f"{to}: there is no folder {to.parent}, expected one that exists")
     if to.is_dir() and not (to / "metadata.yaml").is_file():
         raise UserError(f"{to}: found a folder that is no bag, expected another name")
     reader, decoder = LogReader(log), _decoder(log, dbc)

@@ -40,6 +40,8 @@ class RunFolder:
         self._scenario = scenario
         self._link = link
         self._parameters = _all_parameters(interface, {**scenario.firmware, **parameters})
+        if folder.exists() and not folder.is_dir():
+            raise UserError(f"{folder}: found a file, expected a folder, or a name that is free", status=1)
         with writing(folder):
             folder.mkdir(parents=True, exist_ok=True)
             self._log: TextIO = (folder / "telemetry.log").open("a", encoding="ascii")
