@@ -206,6 +206,7 @@ def test_checks(text: str, passed: bool) -> None:
     ("text", "message"),
     [
         ("max(slip", "cannot be read"),
+        ("max(slope) < 5 deg", "cannot be read: .*; expected text such as max.slip. < 0.55, in SI, no unit"),
         ("slip + 1", "expected a comparison"),
         ("__import__('os').system('x') == 0", "unknown function"),
         ("open('x') == 1", "unknown function"),

@@ -353,6 +353,6 @@ def _parsed(text: str) -> ast.expr:
         tree = python_tree(text.strip(), "eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
         reason = error.msg if isinstance(error, SyntaxError) else "no expression"
-        raise CheckError(f"cannot be read: {reason}") from None
+        raise CheckError(f"cannot be read: {reason}; expected text such as max(slip) < 0.55, in SI, no unit") from None
     _verify(tree)
     return tree
