@@ -255,6 +255,17 @@ def test_our_plant_imported_again_gives_the_same_hash(made: dict[str, Path]) -> 
         assert np.max(np.abs(again.truth[name] - whole.truth[name])) <= 1e-9, name
 
 
+def test_a_value_out_of_range_is_named(made: dict[str, Path], capfd: pytest.CaptureFixture[str]) -> None:
+    """With what was given and what is taken: a host that sets fifty of them says no more than that one failed."""
+    values = {"weight": 30.0, "radius": 99.0}
+    with pytest.raises(fmpy.fmi1.FMICallException):
+        fmpy.simulate_fmu(str(made["both"]), stop_time=0.1, step_size=0.01, output_interval=0.01, start_values=values)
+    reference = next(
+        v.valueReference for v in fmpy.read_model_description(str(made["both"])).modelVariables if v.name == "radius"
+    )
+    assert f"value reference {reference}: found 99, expected 0.01 to 0.5" in capfd.readouterr().out
+
+
 def test_its_state_goes_back(made: dict[str, Path]) -> None:
     with terrapin.Session(STEADY, plant=made["plant"]) as s:
         s.step(2.0)

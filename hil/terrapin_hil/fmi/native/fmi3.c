@@ -114,6 +114,14 @@ static bool outside(double value, double low, double high) {
     return !(value >= low && value <= high);
 }
 
+static fmi3Status refuse_value(const instance_t *instance, fmi3ValueReference reference, double value, double low,
+                               double high) {
+    char text[160];
+    (void)snprintf(text, sizeof text, "value reference %u: found %g, expected %g to %g", (unsigned)reference, value,
+                   low, high);
+    return refuse(instance, text);
+}
+
 /* Parameters until the model is ready, inputs always; `settable` of them stand first, after the time. */
 #define VALUES(NAME, TYPE, FIELD, BASE, COUNT, FIRST, PARAMETERS, INPUTS, LOW, HIGH)                                   \
     FMI3_EXPORT fmi3Status fmi3Get##NAME(fmi3Instance instance, const fmi3ValueReference references[], size_t n,       \
@@ -140,7 +148,7 @@ static bool outside(double value, double low, double high) {
                 return refuse(me, "a parameter is fixed once the FMU is initialised");                                 \
             }                                                                                                          \
             if (outside((double)values[i], (LOW), (HIGH))) {                                                           \
-                return refuse(me, "a value is outside the range of its variable");                                     \
+                return refuse_value(me, references[i], (double)values[i], (LOW), (HIGH));                              \
             }                                                                                                          \
             me->model.FIELD[at + (uint32_t)(FIRST)] = values[i];                                                       \
         }                                                                                                              \
