@@ -436,4 +436,7 @@ def test_a_damaged_mf4_prints_no_traceback(tmp_path: Path, capfd: pytest.Capture
         with contextlib.suppress(UserError):
             read_back = sum(len(block) for block in reader.blocks())
             assert read_back == 60 or reader.cut or reader.lost, place
+    (tmp_path / "y.mf4").write_bytes(whole[: len(whole) * 7 // 10])
+    with pytest.raises(UserError, match="expected a whole MF4 bus log"):
+        list(LogReader(tmp_path / "y.mf4").blocks())
     assert capfd.readouterr().err == ""

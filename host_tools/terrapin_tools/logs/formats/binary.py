@@ -36,7 +36,8 @@ def by_python_can(
         _bury(error)
         if not source.total:
             kind = source.path.suffix[1:].upper()
-            raise UserError(f"{source.path}: {brief(error)}, expected a {kind} bus log") from None
+            whole = "a whole MF4" if kind == "MF4" else f"a {kind}"  # its blocks are found from one another
+            raise UserError(f"{source.path}: {brief(error)}, expected {whole} bus log") from None
         source.cut = f"unreadable after {source.last:.6f} s ({brief(error)})"
     yield source.take()
     source.told(source.size)
