@@ -104,6 +104,12 @@ def test_volatile_values_are_not_kept(tmp_path: Path) -> None:
     assert terrapin("get", "radius", "--flash", flash).stdout == "radius = 0.08 m\n"
 
 
+def test_values_in_a_controller_of_this_command_are_said_to_be_gone(tmp_path: Path) -> None:
+    """Without --link and --flash nothing was set that lasts: "until the next reset" would hide it."""
+    assert "gone now: inprocess was started for this command; --flash FILE" in terrapin("set", "radius", "0.1").stdout
+    assert "gone now" not in terrapin("set", "radius", "0.1", "--flash", tmp_path / "robot.flash").stdout
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [

@@ -188,6 +188,8 @@ def _write(
         before = session.all()
         written = change(session)
         store, kept = _keep(session, volatile)
+    if flash is None and "flash file" in link.row.jobs:
+        kept = f"gone now: {link} was started for this command; --flash FILE keeps them, --link names a controller"
     rows = []
     for name, raw in written.items():
         p = session.interface.parameters[name]
