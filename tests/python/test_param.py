@@ -208,6 +208,20 @@ def test_a_damaged_file_gives_defaults_and_says_so(tmp_path: Path) -> None:
         assert talk.save().origin == "stored"
 
 
+def test_the_page_says_how_many_saves_an_erase_has(tmp_path: Path) -> None:
+    """Counted: saves until the other page of flash is begun."""
+    flash, page, saves = tmp_path / "robot.flash", 16384, 0
+    with session("inprocess", flash) as talk:
+        while not flash.is_file() or not flash.read_bytes()[page : 2 * page].strip(b"\xff"):
+            talk.set(RADIUS, 80000 + saves)
+            talk.save()
+            saves += 1
+            assert saves < 100
+    said = (Path(__file__).parents[2] / "docs/parameters.md").read_text()
+    assert f"With {len(PARAMETERS)} parameters a page of 16 kB holds {saves - 1} sets" in said
+    assert f"once in {saves - 1} saves" in said
+
+
 def test_one_controller_a_file(tmp_path: Path) -> None:
     flash = tmp_path / "robot.flash"
     with session("inprocess", flash), pytest.raises(LinkError, match="another controller"), session("inprocess", flash):
