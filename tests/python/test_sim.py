@@ -272,6 +272,22 @@ def test_frames_of_sensors_from_outside_are_not_taken() -> None:
     robot.close()
 
 
+def test_a_reader_that_goes_ends_no_robot(tmp_path: Path) -> None:
+    """As `terrapin sim --detach | head -1`: who started it may be cut off, the robot lives."""
+    begun = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, "sim", "--on", "pty:bus", "--detach"],
+        cwd=tmp_path,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+        stdout=subprocess.PIPE,
+    )
+    assert begun.stdout is not None
+    begun.stdout.close()
+    begun.wait()
+    asked = terrapin("sim", "--do", "status", folder=tmp_path)
+    ended = terrapin("sim", "--do", "stop", folder=tmp_path)
+    assert (asked.returncode, ended.returncode) == (0, 0), asked.stderr
+
+
 def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
     try:
         begun = terrapin("sim", "steady_sand", "--on", "pty:bus", "--on", "pty:more", "--detach", folder=tmp_path)

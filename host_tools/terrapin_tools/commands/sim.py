@@ -128,8 +128,13 @@ def _live(scenario: Scenario, on: list[str], chip: _Chip, detach: bool) -> None:
     from terrapin_hil.run.living import Living
     from terrapin_hil.run.ports import open_port
 
+    told: list[str] = []
+
     def said(text: str) -> None:
-        print(text, flush=True)
+        if detach:
+            told.append(text)
+        else:
+            print(text, flush=True)
 
     over: list[bool] = []
     with contextlib.ExitStack() as stack:
@@ -172,6 +177,7 @@ def _live(scenario: Scenario, on: list[str], chip: _Chip, detach: bool) -> None:
             said(f"on {port.name}: terrapin monitor --link {port.attach}")
         if detach and _leave():
             stack.pop_all()  # all of it is the other's now
+            print("\n".join(told), flush=True)  # here, where a reader that has gone (| head -1) ends no robot
             os._exit(0)
         asked = {control.descriptor: partial(control.serve, act) for control in controls}
         living.run(lambda: bool(over), asked)
