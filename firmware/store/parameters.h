@@ -12,7 +12,7 @@
  * A set is a head (magic, layout, number of entries, sequence number), an entry of hash and value for each parameter,
  * and a CRC-32 over all of it; its size is a multiple of 16. Sets are appended; when a page is full, the other one is
  * erased and takes the next set, so that the newest whole set is never touched. Power may fail in any write or erase:
- * the next start finds the whole old or the whole new set. 16 kB hold 23 sets of 82 parameters: an erase each 24 saves.
+ * the next start finds the whole old or the whole new set. 16 kB hold 23 sets of 82 parameters: an erase each 23 saves.
  *
  * A set names the robot that the firmware was built for, and its board. Another robot's or board's gives the defaults,
  * and the origin says so; the next save takes its place.
