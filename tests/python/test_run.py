@@ -268,7 +268,7 @@ def test_the_command_line_says_what_is_wrong(tmp_path: Path, terrapin: Callable[
         (["steady_sand", "--parameters", str(wrong)], "found no table [parameters]", 2),
         (["steady_sand", "--link", "serial:/dev/nothing"], "/dev/nothing: cannot open the link", 1),
         (["steady_sand", "--out", "/dev/null/x"], "/dev/null/x: cannot write the log", 1),
-        (["steady_sand", "--out", str(wrong)], "wrong.toml: found a file, expected a folder", 1),
+        (["steady_sand", "--out", str(wrong)], "wrong.toml: cannot write the log: found a file, expected a folder", 1),
     ):
         done = terrapin("run", *arguments)
         assert done.returncode == status, done.stderr

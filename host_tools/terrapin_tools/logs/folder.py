@@ -40,9 +40,10 @@ class RunFolder:
         self._scenario = scenario
         self._link = link
         self._parameters = _all_parameters(interface, {**scenario.firmware, **parameters})
-        if folder.exists() and not folder.is_dir():
-            raise UserError(f"{folder}: found a file, expected a folder, or a name that is free", status=1)
         with writing(folder):
+            if folder.exists() and not folder.is_dir():
+                words = "found a file, expected a folder, or a name that is free"
+                raise UserError(f"{folder}: cannot write the log: {words}", status=1)
             folder.mkdir(parents=True, exist_ok=True)
             self._log: TextIO = (folder / "telemetry.log").open("a", encoding="ascii")
             self._take()
