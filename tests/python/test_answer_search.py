@@ -921,6 +921,8 @@ def test_what_takes_most_is_named_first() -> None:
     assert order([99.0, 20.0, 3.0, 0.0], "large", "small") == ("small", "large")  # 2 sd: its other parameter follows
     assert order([99.0, 20.0, 3.0, 0.0], "large", "small", "table.x.sign") == ("table.x.sign", "small", "large")
     assert order([99.0, 20.0, 0.0, 0.0], "large") == ("large",)
+    slopes[2, 2] = np.inf  # without a derivative it takes nothing that can be told
+    assert order([99.0, 20.0, 3.0, 0.0], "small", "large") == ("large", "small")
 
 
 def test_the_formulas_of_ten_answers_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -218,6 +218,7 @@ def _largest_first(one: Hypothesis) -> Hypothesis:
     if one.fit is None or len(one.effects) < 2:
         return one
     slopes = one.fit.jacobian.reshape(-1, len(one.fit.theta))
+    slopes = np.where(np.isfinite(slopes).all(axis=0), slopes, 0.0)  # what has no derivative is not determined
     freedom = np.diag(np.linalg.pinv(slopes.T @ slopes, hermitian=True))
     taken: dict[str, float] = {}
     for size, free, value in zip(one.fit.model.fitted, freedom, one.fit.theta, strict=True):
