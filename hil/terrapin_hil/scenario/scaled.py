@@ -47,7 +47,6 @@ SETTLED = (
     2.0  # times that of the default robot, a swing has to die away: that one's checks wait for five time constants
 )
 CALIBRATION, LONGEST_CALIBRATION = 8.0, 30.0  # s, calibrate_timeout of the default robot, and at most
-MIDDLE = 2048  # code of no current
 _NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.]*")
 _SLICE = re.compile(r"\[(\d*\.?\d*):(\d*\.?\d*)\]")
 _OFF = re.compile(r"- \d")
@@ -250,7 +249,7 @@ def _title(table: Mapping[str, Any], found: Mapping[str, Any], there: Robot, her
         if fault.get("kind") == "supply":
             take(parse_quantity(fault["value"], "V"), "V", found[f"{where}.value"], "V")
         if (fault.get("kind"), fault.get("channel")) == ("forced", "current"):
-            codes = parse_quantity(fault["value"], "1") - MIDDLE
+            codes = parse_quantity(fault["value"], "1") - kit("exact").current.zero
             take(codes * there.current_code, "A", codes * here.current_code, "A")
 
     def said_here(said: re.Match[str]) -> str:
