@@ -286,6 +286,22 @@ def test_nonsense_from_the_other_side(answer: bytes, expected: str) -> None:
         os.close(slave)
 
 
+def test_after_a_refused_line_the_next_is_answered() -> None:
+    """Also where what came with the refusal answers another line."""
+    master, slave = os.openpty()
+    try:
+        with SlcanPort(os.ttyname(slave), 0.5) as port:
+            for lines, answers in ((b"t12\r", b"\a"), (b"t12\rF\r", b"\aF00\r")):
+                os.write(master, answers)
+                with pytest.raises(LinkError, match="refused a line"):
+                    port.exchange(lines)
+                os.write(master, b"t1001ab\rF00\r")
+                assert port.exchange(b"F\r") == [(0x100, b"\xab")]
+    finally:
+        os.close(master)
+        os.close(slave)
+
+
 def test_once_the_end_has_passed_nothing_is_waited_for() -> None:
     """It may pass while lines are taken, and poll takes less than 0 as for ever."""
     master, slave = os.openpty()

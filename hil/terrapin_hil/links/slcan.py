@@ -191,6 +191,7 @@ class SlcanPort(AbstractContextManager["SlcanPort"]):
         if b"\a" in data:
             data = data.replace(b"\a", b"\a\r")
         *lines, self._rest = (self._rest + data).split(b"\r")
+        refused = False
         for line in lines:
             if line[:1] == b"t":
                 try:
@@ -199,11 +200,13 @@ class SlcanPort(AbstractContextManager["SlcanPort"]):
                     raise LinkError(f"{self.path}: {error}") from None
             elif line[-1:] == b"\a":
                 self._pending -= 1
-                raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
+                refused = True  # told below: lines behind this one have been read, too
             elif not line or line[:1] in b"zZVNF":
                 self._pending -= 1
             else:
                 raise LinkError(f"{self.path}: no SLCAN: {line[:40]!r}")
+        if refused:
+            raise LinkError(f"{self.path}: the other side refused a line (wrong state, or damaged on the way)")
         if len(self._rest) > CHUNK:
             raise LinkError(f"{self.path}: no SLCAN: {self._rest[:40]!r}...")
 
