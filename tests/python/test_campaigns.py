@@ -14,9 +14,10 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from terrapin_hil.physics.effects import catalogue
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.model.model import Model
-from tests.campaigns import blind, calibration, exhaustive
+from tests.campaigns import blind, calibration, dynamic, exhaustive
 from tests.campaigns.drawn import CATALOGUE, FOREIGN, Drawn, draw, noise, write
 from tests.campaigns.followup import after_experiment
 from tests.campaigns.formulas import predict
@@ -48,6 +49,19 @@ def test_the_engine_and_the_formulas_agree(base: str, effect: str, tmp_path: Pat
     drawn = draw(base, 9, 0.0, 2.0, np.random.default_rng([7, EFFECTS.index((base, effect))]), [effect])
     for channel, values in engine(drawn, tmp_path).items():
         assert np.max(np.abs(values - drawn.clean[channel])) < 0.01 * drawn.sigma[channel], channel
+
+
+def test_what_is_hidden_lies_within_the_bounds_of_the_catalogue() -> None:
+    """A fit could not reach it, were a bound too near."""
+    hidden = [(name, values) for body in dynamic.BODIES.values() for name, values in body.effects.items()]
+    for name, one in (entry for effects in CATALOGUE.values() for entry in effects.items()):
+        hidden.append((name, one.shape or {}))
+        if one.limit < 1.0e12:
+            hidden.append((name, {one.size: (-one.limit if -1.0 in one.signs else 0.0, one.limit)}))
+    for name, values in hidden:
+        bounds = {p.name: p for p in catalogue()[name].parameters}
+        for parameter, (least, most) in values.items():
+            assert bounds[parameter].minimum <= least <= most <= bounds[parameter].maximum, (name, parameter)
 
 
 @pytest.mark.parametrize("base", list(CATALOGUE))
