@@ -27,8 +27,8 @@ EVERY = np.ones(400, dtype=bool)
 OFFSETS = next(i for i, node in enumerate(NODES) if node.offset == 2.0 and not node.share)
 
 
-@pytest.mark.parametrize("behind", [0.0, STATED])
-def test_a_bayes_factor_is_that_of_evidence_of_each_alternative(behind: float) -> None:
+@pytest.mark.parametrize("behind", [None, 0.0, STATED])
+def test_a_bayes_factor_is_that_of_evidence_of_each_alternative(behind: float | None) -> None:
     """Averaged by prior shares: of single columns and of blocks, whose sizes are of one sd."""
     random = np.random.default_rng(1)
     run = random.permutation(np.repeat(np.arange(8), 5))
@@ -39,11 +39,12 @@ def test_a_bayes_factor_is_that_of_evidence_of_each_alternative(behind: float) -
     nodes = [0, 3, OFFSETS, 20, 40]
     residuals = random.standard_normal((40, 3))
     residuals[:, 1] += 0.8 * columns[1][:, 2]
-    statistic = BayesFactor(runs, base, blocks, behind, nodes)
+    stated = {} if behind is None else {"behind": behind}
+    statistic = BayesFactor(runs, base, blocks, **stated, nodes=nodes)
     factors, posterior = statistic(residuals)
     assert factors.shape == (3,)
     for column, factor in enumerate(factors):
-        evidence = Evidence(runs, residuals[None, :, column], base, behind, nodes)
+        evidence = Evidence(runs, residuals[None, :, column], base, behind or 0.0, nodes)
         logs = []
         for one, (family, share) in zip(columns, given, strict=True):
             count = one.shape[1]
