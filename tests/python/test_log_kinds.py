@@ -24,6 +24,7 @@ from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, frames
 from terrapin_tools.logs.reading import LogReader, is_log
 from terrapin_tools.logs.resample import signals_on_grid
 from terrapin_tools.workbench.files.tables import read
+from terrapin_tools.workbench.intake.look import look
 from tests.waiting import wait_for
 
 FRAMES = 2000
@@ -270,6 +271,9 @@ def test_rows_of_an_asc_that_give_no_frame_are_counted(tmp_path: Path) -> None:
     reader = LogReader(path)
     assert joined(path, list(reader.blocks())).times.round(9).tolist() == [0.1, 1.0]
     assert reader.assumed == ["times are those between rows (timestamps relative): summed"]
+    path.write_text(ASC.format(stamps="relative").partition("End")[0] + "   0.4 1  113  Rx   d 2 1")
+    notes = [reader.lost, "the last line has no end", *reader.assumed]
+    assert look(path, _decoder(tmp_path).path)["notes"] == notes
 
 
 def test_trc_of_all_versions(tmp_path: Path) -> None:
