@@ -263,6 +263,9 @@ def test_nothing_takes_away_only_all_of_the_misfit(answer: terrapin.Answer) -> N
     one = replace(story.cards[0].proposal, effect="other", explains=0.998, noise_ratio=1.6)
     said = sentences.reason(story.found, one, "")
     assert said == "Takes away 100 % of the misfit and leaves 1.60 noise sd on held-out runs."
+    near = [sentences.reason(story.found, replace(one, noise_ratio=error), "") for error in (1.1, 1.2)]
+    assert near[0].startswith("Fits nearly as well (1.10 noise sd on held-out runs)")
+    assert near[1] == "Takes away 100 % of the misfit and leaves 1.20 noise sd on held-out runs."
     assert "has probability 0.97" in sentences.strange_noise(0.97)
 
 
