@@ -119,8 +119,11 @@ def is_clock_format(text: str) -> bool:
 
     >>> is_clock_format("hh:mm:ss.mmm"), is_clock_format("TT.MM.JJJJ"), is_clock_format("mm"), is_clock_format("")
     (True, True, False, False)
+    >>> is_clock_format(" mm:ss "), is_clock_format("   "), is_clock_format(" t ")
+    (True, False, False)
     """
-    return len(text) > 2 and _FORMAT.fullmatch(text.strip()) is not None
+    bare = text.strip()
+    return len(bare) > 1 and _FORMAT.fullmatch(bare) is not None
 
 
 def is_time(cell: str) -> bool:
