@@ -21,16 +21,17 @@ from terrapin_tools.web.cases import view as page_view
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import add_effects
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse
+from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.fleet.fleet import Result
 from terrapin_tools.workbench.fleet.lines import json_line
-from terrapin_tools.workbench.story import answer, page, terminal
+from terrapin_tools.workbench.story import answer, page, sentences, terminal
 from terrapin_tools.workbench.story.explain import explain
 from terrapin_tools.workbench.story.plot_data import page_data
 from terrapin_tools.workbench.story.sentences import amount
-from terrapin_tools.workbench.story.story import Findings, Part, Place, Story
+from terrapin_tools.workbench.story.story import Findings, Part, Place, Rung, Story, Value
 from terrapin_tools.workbench.story.terminal import tell, tell_shortly
 from terrapin_tools.workbench.story.told import found_by, told
 
@@ -119,6 +120,44 @@ def _texts(value: Any) -> Iterator[str]:
             yield from _texts(one)
     elif isinstance(value, str):
         yield value
+
+
+def _carried(count: int) -> str:
+    return sentences.carried([(f"r{i}", 3.0) for i in range(count)], 12)
+
+
+def _left_out(count: int) -> str:
+    rows = tuple(f"runs.csv:{i + 2}" for i in range(count))
+    return sentences.noise_told(NoiseFinding("rows", "", float(count), 1.0, rows), "")
+
+
+def _changed(error: float) -> str:
+    return sentences.constant_in_set(Rung("constant.R", 1.0, error), "R", 1.3, 1.2, "ohm")
+
+
+@pytest.mark.parametrize(
+    ("say", "before", "beyond", "said"),
+    [
+        (sentences.chance, 0.006, 0.004, "below 0.01"),
+        (_carried, 4, 5, "r3 (3.00 noise sd) and 1 more"),
+        (_left_out, 4, 5, "runs.csv:5 and 1 more"),
+        (_changed, 1.1, 1.2, "and more than noise is left"),
+        (lambda sd: amount(Value(1.0, sd, "")).partition("e-")[0], 2e-8, 2e-9, "1 ± 2"),
+    ],
+    ids=["chance", "runs", "rows", "constant", "digits"],
+)
+def test_a_sentence_is_another_beyond_its_bound(say: Callable[[Any], str], before: Any, beyond: Any, said: str) -> None:
+    assert say(beyond).rstrip(".").endswith(said)
+    assert not say(before).rstrip(".").endswith(said)
+
+
+def test_what_explains_less_than_a_tenth_is_told_with_what_speaks_against_it(examples: dict[str, Example]) -> None:
+    story = examples["missing"].story
+    assert story.found is not None
+    other = replace(story.cards[0].proposal, effect="other", noise_ratio=2.0)
+    little, some = (sentences.reason(story.found, replace(other, explains=share), ": why") for share in (0.09, 0.11))
+    assert little == "Takes away 9 % of the misfit: why."
+    assert some == "Takes away 11 % of the misfit and leaves 2.00 noise sd on held-out runs."
 
 
 def by_terminal(example: Example) -> str:
