@@ -7,6 +7,7 @@ import json
 import random
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import numpy as np
 import pyarrow
@@ -218,6 +219,13 @@ def test_a_heading_is_told_as_a_name_in_letters(server: Server) -> None:
     upload = good(server, "a.csv", text.encode())
     names = [column["name_guess"] for column in upload["columns"]]
     assert names == ["t", "oeltemperatur", "debit", "omega_welle", "c_5_v_rail"]
+
+
+def test_a_file_keeps_its_name_in_letters(server: Server) -> None:
+    """The page offered lbad as the name of the case. A Mac sends an umlaut as its letter and two dots."""
+    names = ("\u00d6lbad 80 C.csv", "O\u0308lbad_2-a.csv", "\u03c9--1.csv", "\u6cb9.csv")
+    found = [good(server, quote(name), b"t,w\n0,1\n1,2\n")["name"] for name in names]
+    assert found == ["Oelbad_80_C.csv", "Oelbad_2-a.csv", "omega--1.csv", "file.csv"]
 
 
 @pytest.mark.parametrize(

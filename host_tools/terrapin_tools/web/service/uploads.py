@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 import secrets
 import shutil
 import time
@@ -24,6 +23,7 @@ from terrapin_tools.web.service.context import Context, Terrapin
 from terrapin_tools.web.service.models import problems
 from terrapin_tools.web.service.warm import Kind, Late
 from terrapin_tools.web.service.workspace import NotThere, Workspace
+from terrapin_tools.workbench.bases.kinds.names import in_letters
 from terrapin_tools.workbench.files.formats import SUFFIXES as TABLES
 from terrapin_tools.workbench.files.writing import write_whole
 from terrapin_tools.workbench.new_case.options import pairs
@@ -121,7 +121,7 @@ def _tidy(name: str) -> str:
     stem, dot, suffix = plain.rpartition(".")
     if not dot or f".{suffix.lower()}" not in SUFFIXES:
         raise UserError(f"name: found {plain[:80]!r}, expected a file that ends in {' '.join(SUFFIXES)}")
-    tidy = re.sub(r"[^A-Za-z0-9_-]+", "_", stem).lstrip("_-")[:50] or "file"
+    tidy = "-".join(map(in_letters, stem.split("-"))).lstrip("_-")[:50] or "file"
     return f"{tidy}.{suffix.lower()}"
 
 
