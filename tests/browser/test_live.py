@@ -326,7 +326,7 @@ def test_a_batch_says_why_it_did_not_begin_and_what_can_be_varied(page: Page) ->
 
 
 def test_sliders_hold_what_is_set_for_a_robot_of_more_volts(page: Page) -> None:
-    """One of 15.9 V stood at its end of 12 V, and a supply of 24 V at 20 V."""
+    """One of 15.9 V stood at its end of 12 V, and a supply of 24 V at 20 V; a fault of the supply ended at 20 V."""
 
     def of_24_volts(route: Route) -> None:
         answer = route.fetch()
@@ -342,6 +342,10 @@ def test_sliders_hold_what_is_set_for_a_robot_of_more_volts(page: Page) -> None:
     page.locator("#sim-scenario").select_option("steady_sand")
     expect(page.get_by_label("voltage from 0 s")).to_have_value("15.9")
     expect(page.get_by_label("supply", exact=True)).to_have_value("24")
+    page.get_by_label("Add a fault …").select_option("supply")
+    expect(page.get_by_label("value")).to_have_attribute("max", "36")
+    page.get_by_label("value").fill("30.06")
+    expect(page.get_by_label("value")).to_have_value("30.06")
     page.locator("#sim-scenario").select_option("speed_control")
     expect(page.get_by_label("speed from 0 s")).to_have_value("2.4")
 

@@ -3,6 +3,7 @@ import { h, number, unit } from '../app.js';
 
 const DEGREE = Math.PI / 180;
 const group = (/** @type {string} */ text, /** @type {Child[]} */ ...children) => h('fieldset', {}, h('legend', { text }), ...children);
+const mostSupply = (/** @type {Scenario} */ scenario) => Math.max(20, Math.ceil(1.5 * scenario.supply)); // V
 const words = (/** @type {string} */ name) => name.replaceAll('_', ' ');
 
 export class ScenarioForm {
@@ -109,7 +110,7 @@ export class ScenarioForm {
     const limiter = h('input', { type: 'checkbox', id: 'sim-limiter', checked: changes.limiter, onchange: () => { changes.limiter = limiter.checked; this.command(); } });
     return [...orders,
       h('div', { class: 'row' }, limiter, h('label', { for: 'sim-limiter', text: 'slip limiter' })),
-      this.slider('supply', 0, Math.max(20, Math.ceil(1.5 * scenario.supply)), changes.supply, 0.1, 'V', (v) => { changes.supply = v; }),
+      this.slider('supply', 0, mostSupply(scenario), changes.supply, 0.1, 'V', (v) => { changes.supply = v; }),
       this.slider('duration', 1, Math.max(60, scenario.duration), changes.duration, 1, 's', (v) => { changes.duration = v; }),
       this.slider('seed', 0, 50, changes.seed, 1, '', (v) => { changes.seed = v; })];
   }
@@ -135,16 +136,22 @@ export class ScenarioForm {
       ...effect.parameters.map((p) => this.slider(`${p.name}: ${p.meaning}`, p.low, p.high, values[p.name] ?? p.start, (p.high - p.low) / 200, p.unit, (v) => { values[p.name] = Number(v.toPrecision(6)); }))];
   }
 
+  /** Where the slider of a fault's value ends; null without a value. @param {string} kind */
+  mostOf(kind) {
+    const high = this.description?.faults[kind].high ?? null;
+    return high !== null && kind === 'supply' && this.scenario ? Math.max(high, mostSupply(this.scenario)) : high;
+  }
+
   /** @param {Scenarios} description @param {Changes} changes @param {string} kind */
   addFault(description, changes, kind) {
-    const { channels, high } = description.faults[kind];
+    const { channels } = description.faults[kind], high = this.mostOf(kind);
     changes.faults.push({ kind, channel: channels[0] || '', value: high === null ? 0 : high / 2, begin: Math.round(changes.duration / 3), end: null });
   }
 
   /** @param {Scenarios} description @param {Changes} changes @param {Fault} fault @param {number} i */
   fault(description, changes, fault, i) {
-    const { channels, unit: unitText, high } = description.faults[fault.kind];
-    const end = changes.duration;
+    const { channels, unit: unitText } = description.faults[fault.kind];
+    const end = changes.duration, most = this.mostOf(fault.kind), high = most === null ? null : Math.max(most, fault.value ?? 0);
     return [this.partHead(words(fault.kind), () => { changes.faults.splice(i, 1); }),
       ...(channels.length ? [this.options(channels, fault.channel, (v) => { fault.channel = v; }, 'Channel')] : []),
       ...(high !== null ? [this.slider('value', 0, high, fault.value ?? 0, high / 200, unitText, (v) => { fault.value = v; })] : []),
