@@ -448,6 +448,36 @@ def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
         case.save(tmp_path / "there")
 
 
+def test_a_name_that_is_none_is_answered_by_those_there_are(case: terrapin.Case, tmp_path: Path) -> None:
+    """Each was a bare KeyError. It still is one, as of every mapping."""
+    with terrapin.Session("steady_sand", log=tmp_path / "run") as s:
+        s.step(0.2)
+        truth, sent = s.truth, s.signals
+    answer = case.compare(intervals=True)
+    effect = terrapin.Effect("mine", "k*w", k=(0, -1, 1, "N m s/rad"))
+    with terrapin.Link("inprocess") as link:
+        parameters = link.parameters
+    for found, name, expected in (
+        (truth, "contact_torqe", "truth: found no contact_torqe, is `contact_torque` meant? it has alpha_rate, "),
+        (sent, "GROUND.x", "GROUND has GROUND.f_r, GROUND.limiting, "),
+        (terrapin.Log(tmp_path / "run").signals, "x", "found no x, it has MESSAGE.signal of ACTUATE, "),
+        (answer.parameters, "c", "parameters: found no c, it has a, b"),
+        (answer.intervals, "c", "intervals: found no c, it has a, b"),
+        (case.compare().intervals, "a", "intervals: found no a, it is empty"),
+        (effect.parameters, "q", "parameters: found no q, it has k"),
+        (terrapin.Robot().constants, "radus", "constants: found no radus, is `radius` meant? it has "),
+        (parameters, "windw", "parameters: found no windw, is `window` meant? it has "),
+    ):
+        with pytest.raises(terrapin.errors.InputError) as caught:
+            found[name]
+        assert expected in str(caught.value)
+        assert isinstance(caught.value, KeyError)
+        assert found.get(name) is None
+        assert found == dict(found) == pickle.loads(pickle.dumps(found))
+    with pytest.raises(terrapin.errors.InputError, match="found no q, it has k"):
+        effect.unit("q")
+
+
 def test_a_file_that_changed_since_is_not_saved_as_if_it_had_not(tmp_path: Path) -> None:
     folder = terrapin.Case.example("heated_motor").save(tmp_path / "case")
     case = terrapin.Case.load(folder)

@@ -230,6 +230,8 @@ def test_one_line_for_what_is_wrong() -> None:
             (lambda: s.step(float("nan")), "step: found nan s"),
             (lambda: s["GROUND.colour"], "GROUND.colour: no such signal, expected one of GROUND.torque"),
             (lambda: s["GROUND.torque"], "the controller has not sent it yet"),
+            (lambda: s.get("GROUND.colour"), "GROUND.colour: no such signal, expected one of GROUND.torque"),
+            (lambda: s.truth["omega"], "truth before the first step: found no omega, it is empty"),
             (lambda: s.until("NOTHING.valid", 1.0), "NOTHING.valid: no such signal"),
             (lambda: s.inject("bend"), "bend"),
             (lambda: s.inject("stuck", "nose"), "nose"),

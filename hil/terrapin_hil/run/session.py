@@ -216,7 +216,6 @@ class Session:
 
     def __getitem__(self, name: str) -> float:
         """The last value of MESSAGE.signal, SI. UserError when there is none of that name, or it has not come yet."""
-        self._require(name)
         value = self.get(name)
         if value != value:
             raise UserError(f"{name}: the controller has not sent it yet, expected a few ticks more")
@@ -224,6 +223,7 @@ class Session:
 
     def get(self, name: str) -> float:
         """The same; NaN for one that has not come yet."""
+        self._require(name)
         message, signal = self._signals[name]
         data = self._frame(message)
         if data is None:

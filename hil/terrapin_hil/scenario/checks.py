@@ -22,7 +22,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.errors import UserError
 from terrapin_hil.reading import python_tree
 
-__all__ = ["Check", "CheckError", "Outcome", "parse_check", "parse_number"]
+__all__ = ["Check", "CheckError", "Outcome", "parse_check", "parse_number", "what_there_is"]
 
 
 REDUCTIONS: dict[str, Callable[[Array], float]] = {
@@ -190,7 +190,7 @@ class _Run:
 
     def _signal(self, name: str) -> Array:
         if name not in self.signals:
-            raise CheckError(f"the run has no signal '{name}'; {_what_there_is(name, self.signals)}")
+            raise CheckError(f"the run has no signal '{name}'; {what_there_is(name, self.signals)}")
         return self.signals[name]
 
     def _window(self, node: ast.Subscript) -> Array:
@@ -294,7 +294,7 @@ def _verify(node: ast.AST) -> None:
         _verify(child)
 
 
-def _what_there_is(name: str, signals: Iterable[str]) -> str:
+def what_there_is(name: str, signals: Iterable[str]) -> str:
     """What may have been meant: of hundreds of names those that are near, or those of its message."""
     near = difflib.get_close_matches(name, list(signals), 1)
     message, dot, _ = name.partition(".")
@@ -305,9 +305,8 @@ def _what_there_is(name: str, signals: Iterable[str]) -> str:
     if dot and same:
         said.append(f"{message} has {', '.join(same)}")
     else:
-        said.append(
-            f"it has {', '.join(alone)}" + (f", and MESSAGE.signal of {', '.join(messages)}" if messages else "")
-        )
+        kinds = [", ".join(alone)] * bool(alone) + [f"MESSAGE.signal of {', '.join(messages)}"] * bool(messages)
+        said.append(f"it has {', and '.join(kinds)}")
     return " ".join(said)
 
 

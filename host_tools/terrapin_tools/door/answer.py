@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, final
 
 from terrapin_tools.door.effect import Effect
+from terrapin_tools.door.named import Named
 
 if TYPE_CHECKING:
     from terrapin_tools.workbench.compare.intervals import Interval
@@ -81,7 +82,7 @@ class Answer:
     def parameters(self) -> Mapping[str, Value]:
         """Fitted parameters by name: `value`, `sd` and the bounds `min` and `max` in `unit`, None where there is none;
         `at_bound`: it ended at one."""
-        return self._story.parameters
+        return Named(self._story.parameters, "parameters")
 
     @property
     def intervals(self) -> Mapping[str, Interval]:
@@ -92,7 +93,7 @@ class Answer:
         >>> answer.intervals["k_s"].ends
         ('closes', 'closes')
         """
-        return self._story.intervals
+        return Named(self._story.intervals, "intervals")
 
     @property
     def headline(self) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from terrapin_tools.door.named import Named
 from terrapin_tools.errors import UserError, for_programs
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 
@@ -84,8 +85,8 @@ class Effect(str):
     @property
     def parameters(self) -> Mapping[str, OwnParameter]:
         """Start, bounds and unit of its formula's parameters."""
-        return self.own.parameters if self.own else {}
+        return Named(self.own.parameters if self.own else {}, "parameters")
 
     def unit(self, parameter: str) -> str:
-        """The unit of a parameter of its formula. KeyError where it has none of that name."""
+        """The unit of a parameter of its formula. InputError where it has none of that name."""
         return self.parameters[parameter].unit

@@ -7,6 +7,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Self, final
 
+from terrapin_tools.door.named import Named
 from terrapin_tools.errors import UserError, for_programs
 
 if TYPE_CHECKING:
@@ -55,7 +56,8 @@ class Link:
     @property
     def parameters(self) -> Mapping[str, str]:
         """Names of the controller's parameters -> their units."""
-        return {name: one.unit for name, one in self._session.interface.parameters.items()}
+        found = {name: one.unit for name, one in self._session.interface.parameters.items()}
+        return Named(found, "parameters")
 
     @for_programs
     def unit(self, parameter: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
+from terrapin_tools.door.named import Named
 from terrapin_tools.errors import UserError, about, for_programs
 
 if TYPE_CHECKING:
@@ -52,7 +53,8 @@ class Log:
     def signals(self) -> dict[str, str]:
         """MESSAGE.SIGNAL of what is in the log -> its unit, "" for none."""
         tables, decoder = self._tables(), self._known()
-        return {f"{message}.{name}": unit for message in tables for name, unit in decoder.units(message)}
+        found = {f"{message}.{name}": unit for message in tables for name, unit in decoder.units(message)}
+        return Named(found, f"{self.path}")
 
     @for_programs
     def __getitem__(self, name: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, final
 
+from terrapin_tools.door.named import Named
 from terrapin_tools.errors import UserError, for_programs
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ class Robot:
     @property
     def constants(self) -> Mapping[str, float]:
         """Of the simulated body and its motor by name (docs/robots.md), SI."""
-        return dict(self._robot.plant)
+        return Named(self._robot.plant, "constants")
 
     @property
     def weight(self) -> float:

@@ -10,6 +10,7 @@ from typing import Any, Self
 from terrapin_hil.run import session
 from terrapin_hil.scenario.scenario import Scenario
 from terrapin_tools.door.link import Link
+from terrapin_tools.door.named import Named
 from terrapin_tools.errors import for_programs
 
 __all__ = ["Session"]
@@ -74,6 +75,18 @@ class Session(session.Session):
             if self._folder:
                 self._folder.close()
             raise
+
+    @property
+    def truth(self) -> dict[str, float]:
+        return Named(super().truth, "truth" if self.ticks else "truth before the first step")
+
+    @property
+    def signals(self) -> dict[str, float]:
+        return Named(super().signals, "signals")
+
+    @for_programs
+    def get(self, name: str) -> float:
+        return super().get(name)
 
     @for_programs
     def step(self, seconds: float = 1e-3) -> Self:
