@@ -281,6 +281,34 @@ def test_a_number_without_value_says_why(tmp_path: Path, capsys: pytest.CaptureF
     }
 
 
+def test_a_batch_of_which_no_run_ended_says_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], scenario: Path
+) -> None:
+    """It said that what was varied decides 0.00 of it, under a table of no numbers."""
+    scenario.write_text(scenario.read_text() + "[robot]\nviscous = 1e6\n")
+    out = tmp_path / "batch"
+    command = ["batch", scenario, "--seeds", "1:2", "--vary", "path.1.slope=0deg:12deg:4", "--out", out, "--jobs", 1]
+    status, words, _ = terrapin(capsys, *command)
+    assert status == 1
+    assert "  none of them could be run to the end\n  ended       8 x  climb: the simulated motion has no" in words
+    assert "  all failed: nothing that was varied decides it\n" in words
+    assert "what decides" not in words
+    assert "100 %\n" not in words.partition("limits")[2]  # the head of a table
+    ((reason, count),) = json.loads((out / "summary.json").read_text())["reasons"].items()
+    assert (reason in (out / "report.html").read_text(), count) == (True, 8)
+
+
+def test_what_is_varied_decides_nothing_where_every_run_failed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], scenario: Path
+) -> None:
+    scenario.write_text(scenario.read_text().replace("last(position) > 0.05", "last(position) > 50"))
+    command = ["batch", scenario, "--seeds", "1:12", *VARIED, "--out", tmp_path / "batch", "--jobs", 1]
+    words = terrapin(capsys, *command)[1]
+    assert "  all failed: nothing that was varied decides it\n" in words
+    assert "what decides" not in words
+    assert "All failed: " in (tmp_path / "batch" / "report.html").read_text()
+
+
 def test_the_file_as_it_stands_is_a_batch_of_one(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], scenario: Path
 ) -> None:

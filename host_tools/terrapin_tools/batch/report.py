@@ -31,14 +31,18 @@ PAGE = """<!doctype html>
 {%- for text, count in summary.checks.items() %}<tr><td><code>{{ text }}</code></td><td class="n">{{ count }}</td>
 <td class="n">{{ percent(count / summary.runs) }}</td></tr>{% endfor %}
 {%- if summary.errors %}<tr><td class="warn">could not be run to the end</td><td class="n">{{ summary.errors }}</td>
-<td class="n">{{ percent(summary.errors / summary.runs) }}</td></tr>{% endif %}</tbody></table>
+<td class="n">{{ percent(summary.errors / summary.runs) }}</td></tr>
+{%- for reason, count in summary.reasons.items() %}<tr><td class="soft">{{ reason }}</td><td class="n">{{ count }}</td>
+<td class="n">{{ percent(count / summary.runs) }}</td></tr>{% endfor %}{% endif %}</tbody></table>
 {%- else %}<p>The scenario has no checks.</p>{% endif %}</section>
 {% if summary.classes %}<section><h2>What makes it fail <span>share of the variance of "failed" that the input explains
 alone; bars: share that fails, with 95 % limits</span></h2>
-{%- if not summary.failed %}<p>Nothing failed.</p>{% endif %}
+{%- if not summary.failed %}<p>Nothing failed.</p>
+{%- elif summary.failed == summary.runs %}<p>All failed: nothing that was varied decides it.</p>
+{%- else %}
 <table><tbody>{% for name, share in summary.decides["failed"].items() %}<tr><td><b>{{ name }}</b></td>
 <td style="width:40%"><span class="bar" aria-hidden="true"><i style="width:{{ (100 * share)|round(1) }}%"></i></span>
-</td><td class="n">{{ "%.2f"|format(share) }}</td></tr>{% endfor %}</tbody></table>
+</td><td class="n">{{ "%.2f"|format(share) }}</td></tr>{% endfor %}</tbody></table>{% endif %}
 <div class="three">{% for picture in by_input %}<div>{{ picture|safe }}</div>{% endfor %}</div></section>{% endif %}
 {% if map %}<section><h2>Where it fails <span>red: failed, green: passed</span></h2>{{ map|safe }}</section>{% endif %}
 <section><h2>Numbers <span>quantiles over the runs; red: of failed runs</span></h2><table><thead><tr>

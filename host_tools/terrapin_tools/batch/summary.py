@@ -8,7 +8,8 @@ parts of a range with equally many runs. 1: it alone decides; 0: it says nothing
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from itertools import pairwise
 from typing import Any
@@ -47,6 +48,7 @@ class Summary:
     runs: int
     failed: int
     errors: int
+    reasons: Mapping[str, int]  # of those, by how many have it; two that differ in numbers alone are one
     limits: tuple[float, float]  # 95 % of the share that fails
     checks: Mapping[str, int]  # text -> runs in which it did not hold
     quantiles: Mapping[str, list[float | None]]
@@ -110,6 +112,18 @@ def _ratio(index: Index, values: Array) -> float:
     return max(0.0, 1.0 - within / total * free)
 
 
+def _reasons(errors: Iterable[str]) -> dict[str, int]:
+    """Each reason by its first text, and in how many runs it stands; the commonest first.
+
+    >>> _reasons(["no value at 0.1 s", "", "killed", "no value at 0.2 s"])
+    {'no value at 0.1 s': 2, 'killed': 1}
+    """
+    found: dict[str, list[str]] = {}
+    for error in filter(None, errors):
+        found.setdefault(re.sub(r"\d+(\.\d+)?(e[-+]?\d+)?", "#", error), []).append(error)
+    return {same[0]: len(same) for same in sorted(found.values(), key=len, reverse=True)}
+
+
 def _why_missing(text: str, values: Array, table: Table, duration: float | None) -> str:
     """Why a number has no value in some runs, "" where all have one."""
     gone = np.isnan(values)
@@ -144,6 +158,7 @@ def summarise(table: Table, duration: float | None = None) -> Summary:
         len(table),
         int(failed.sum()),
         sum(error != "" for error in table.error),
+        _reasons(table.error),
         share_limits(int(failed.sum()), len(table)),
         {text: sum(value is False for value in held) for text, held in table.checks.items()},
         {text: _quantiles(values) for text, values in table.numbers.items()},

@@ -49,15 +49,20 @@ def words(summary: Summary, head: str, commands: list[str], folder: str) -> str:
         f"(95 % limits {100 * low:.3g} to {100 * high:.3g} %)",
     ]
     if summary.errors:
-        lines.append(f"  {summary.errors} of them could not be run to the end")
+        none, (reason, count) = summary.errors == summary.runs, next(iter(summary.reasons.items()))
+        lines.append(f"  {'none' if none else summary.errors} of them could {'' if none else 'not '}be run to the end")
+        lines.append(f"  ended  {count:6d} x  {' '.join(reason.split())}")
     lines += [f"  failed {count:6d} x  {text}" for text, count in summary.checks.items() if count]
     width = max(map(len, summary.quantiles), default=0)
-    lines.append("  " + " " * width + "".join(f"{100 * q:>10.0f} %" for q in QUANTILES))
+    if width:
+        lines.append("  " + " " * width + "".join(f"{100 * q:>10.0f} %" for q in QUANTILES))
     for text, values in summary.quantiles.items():
         shown = "".join("           -" if v is None else f"{v:12.4g}" for v in values)
         lines.append(f"  {text:{width}}{shown}")
     lines += [f"  no value in {summary.missing[text]} runs: {text}: {why}" for text, why in summary.why_missing.items()]
-    if summary.failed and summary.classes and all(len(one) in (1, summary.runs) for one in summary.classes.values()):
+    if summary.classes and summary.failed == summary.runs:
+        lines.append("  all failed: nothing that was varied decides it")
+    elif summary.failed and summary.classes and all(len(one) in (1, summary.runs) for one in summary.classes.values()):
         lines.append("  too few runs to say what decides whether it fails")
     elif summary.failed and summary.decides["failed"]:
         lines.append("  what decides whether it fails (share of the variance that the input alone explains):")
