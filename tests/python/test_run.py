@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -253,6 +254,24 @@ def test_a_line_cut_off_by_a_crash_is_left_out(tmp_path: Path) -> None:
 
 
 # ------------------------------------------------------------------ what goes wrong
+
+
+def test_what_begins_after_the_end_is_said(tmp_path: Path, terrapin: Callable[..., Done]) -> None:
+    """It did nothing, and no word said so. The last tick begins 1 ms before the end."""
+    file, out = tmp_path / "late.toml", tmp_path / "batch"
+    faults = "".join(f'[[fault]]\nkind = "command_silence"\nfrom = "{at}"\n' for at in ("1 s", "1.999 s", "2 s"))
+    orders = "".join(f'[[operator]]\nat = {at}\nrequest = "{name}"\n' for at, name in ((0, "run"), (40, "idle")))
+    file.write_text(f'duration = "2 s"\n[[path]]\nterrain = "sand"\n{orders}{faults}')
+    expected = [
+        "operator[2] (idle) begins at 40 s: the run ends before, at 2 s",
+        "fault[3] (command_silence) begins at 2 s: the run ends before, at 2 s",
+    ]
+    assert json.loads(terrapin("run", str(file), "--json").stdout)["notes"] == expected
+    for words in (terrapin("run", str(file)).stdout, terrapin("batch", str(file), "--out", str(out)).stdout):
+        assert re.findall(r"(?m)^  note  (.*)$", words) == expected
+    assert json.loads(terrapin("run", str(file), "--set", "duration=41", "--json").stdout)["notes"] == []
+    shipped = [load_scenario(path) for path in paths.SCENARIOS.glob("*.toml")]
+    assert [scenario.name for scenario in shipped if any("begins at" in note for note in scenario.notes)] == []
 
 
 def test_the_command_line_says_what_is_wrong(tmp_path: Path, terrapin: Callable[..., Done]) -> None:

@@ -443,4 +443,15 @@ def read_scenario(root: Section, name: str) -> Scenario:
     if len(scenario.faults) > MAX_FAULTS:
         raise root.error("fault", f"found {len(scenario.faults)} tables [[fault]], expected at most {MAX_FAULTS}")
     root.done()
-    return scenario
+    return replace(scenario, notes=(*scenario.notes, *_too_late(scenario)))
+
+
+def _too_late(scenario: Scenario) -> list[str]:
+    """A line for each order and fault that a run as long as the scenario does not live to see."""
+    orders = ((f"operator[{i}] ({one.request})", one.time) for i, one in enumerate(scenario.operator, 1))
+    faults = ((f"fault[{i}] ({one.kind})", one.begin) for i, one in enumerate(scenario.faults, 1))
+    return [
+        f"{name} begins at {at:g} s: the run ends before, at {scenario.duration:g} s"
+        for name, at in (*orders, *faults)
+        if at >= scenario.duration
+    ]

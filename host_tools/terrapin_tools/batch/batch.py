@@ -106,7 +106,8 @@ def carry_out(
         print(json.dumps(finite({**summary.as_json(), "commands": commands, "out": str(folder)}), indent=1))
     else:
         head = f"{scenario.name}: {scenario.title}" if scenario.title else scenario.name
-        print(words(summary, head, commands, str(folder)))
+        notes = "".join(f"\n  note  {note}" for note in scenario.notes if same)  # of the file as it stands
+        print(words(summary, head + notes, commands, str(folder)))
     return 1 if summary.failed else 0
 
 
