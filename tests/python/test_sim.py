@@ -25,6 +25,7 @@ from terrapin_hil.run.control import Control
 from terrapin_hil.run.living import Living
 from terrapin_hil.run.ports import BusPort, PtyPort, open_port
 from terrapin_hil.scenario.scenario import find_scenario, load_scenario
+from terrapin_tools.commands.sim import _words
 from tests.living import at_work
 from tests.waiting import wait_for
 
@@ -236,6 +237,23 @@ def test_a_change_that_is_none_is_one_line_and_changes_nothing(text: str, words:
     assert words in str(found.value)
     assert "\n" not in str(found.value)
     robot.tick()
+    robot.close()
+
+
+def test_status_says_which_fault_it_is_safe_for() -> None:
+    """It said safe, and not why; after a reset it is safe for none."""
+    robot = living()
+    for _ in range(600):
+        robot.tick()
+    assert "fault" not in _words(robot.state())
+    change(robot, "estop = pressed")
+    for _ in range(200):
+        robot.tick()
+    said = _words(robot.state())
+    assert "state safe, bridge off\n  fault estop: emergency stop pressed, or its wire broken\n" in said
+    change(robot, "estop = released")
+    change(robot, "reset = now")
+    assert robot.state()["faults"] == {}
     robot.close()
 
 

@@ -59,7 +59,8 @@ class Living:
         names = interface().messages
         self._internal = {names[name].id for name in INTERNAL}
         self._command = names["COMMAND"].id
-        self._actuate = names["ACTUATE"]
+        self._actuate, self._status = names["ACTUATE"], names["STATUS"]
+        self._said = b""  # the last STATUS since the start
         self._asked_at = -1e9  # when a tool last sent COMMAND [s of the simulation]
         self._started = 0.0
         self._confirmed = True
@@ -71,6 +72,7 @@ class Living:
 
     def _start(self, stay: bool = False, first: bool = False) -> None:
         slot = self.loader.start(stay) if self.loader is not None else 0
+        self._said = b""
         self._started = self.simulation.time
         self._confirmed = slot == 0
         self.alive = bool(slot) or self.loader is None or (first and not stay)
@@ -103,12 +105,14 @@ class Living:
         truth = dict(zip(simulation.truth(), simulation.records["truth"][simulation.done - 1].tolist(), strict=True))
         row = simulation.records[simulation.done - 1]
         raw = self._actuate.decode(bytes(row["answer"][0]["data"])) if self.alive and row["answer_count"] else {}
+        faults = self._status.decode(self._said)["faults"] if self.alive and self._said else 0
         states = {number: name for name, number in interface().enums["state"].items()}
         return {
             "robot": self.scenario.design.name,
             "scenario": self.scenario.name,
             "time": simulation.time,
             "state": states.get(raw.get("state", -1), "boot loader" if not self.alive else "unknown"),
+            "faults": {f["name"]: f["cause"] for f in interface().json["faults"] if faults >> f["number"] & 1},
             "bridge_on": self.alive and self._link.bridge_on,
             "truth": truth,
             "late_p99": self.punctual,
@@ -152,6 +156,9 @@ class Living:
             frames = [frame for frame in frames if frame[0] != self._command]
         answers = self._link.exchange(frames)
         simulation.answer(answers)
+        for identifier, data in answers:
+            if identifier == self._status.id:
+                self._said = data
         self._spread([self._node.to_bus(answer) for answer in answers] if self._node.number else answers)
         if not self._confirmed and simulation.time - self._started > CONFIRMED and self.loader is not None:
             self._confirmed = True

@@ -195,6 +195,7 @@ def _words(answer: dict[str, Any]) -> str:
         [
             f"{answer['robot']}, {answer['scenario']}: {answer['time']:.1f} s, state {answer['state']}, "
             f"bridge {'on' if answer['bridge_on'] else 'off'}",
+            *(f"  fault {name}: {cause}" for name, cause in answer["faults"].items()),
             f"  at {truth['position']:.3f} m, {truth['speed']:.3f} m/s, slip {truth['slip']:.3f}",
             f"  real time: 99 % of ticks within {1e3 * answer['late_p99']:.3g} ms, the latest "
             f"{1e3 * answer['latest']:.3g} ms{lag}",
