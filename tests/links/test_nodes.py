@@ -20,6 +20,10 @@ from terrapin_hil.links.inprocess import InProcess
 from terrapin_hil.links.link import LinkError
 from terrapin_hil.messages import Frame, Sender, interface, protect
 from terrapin_hil.nodes import Node, node_count
+from terrapin_hil.run.boot_loader import BootLoader
+from terrapin_hil.run.changes_live import change
+from terrapin_hil.run.living import Living
+from terrapin_hil.run.ports import PtyPort
 from terrapin_hil.run.run import run
 from terrapin_hil.run.together import run_together
 from terrapin_hil.scenario.scenario import Scenario, find_scenario, load_scenario
@@ -31,6 +35,7 @@ from terrapin_tools.monitor.controls import CLEARS, Controls
 from terrapin_tools.monitor.sources import Bus
 from terrapin_tools.param.nodes import clear, controllers, require_one, store_node
 from terrapin_tools.param.session import Session
+from tests.living import at_work
 
 MESSAGES = interface().messages
 NODES = range(node_count())
@@ -448,3 +453,28 @@ def test_bad_input(
     error = capsys.readouterr().err
     assert said in error
     assert error.count("\n") == 1
+
+
+def test_where_none_answers_a_boot_loader_may_wait(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """With an empty flash it answers an update alone: `node list` ended with status 0, and `node clear` was content."""
+    robot = Living(scenario("steady_sand", 1.0), [port := PtyPort()], loader=BootLoader(), told=lambda _: None)
+    assert "boot loader stays" in change(robot, "reset = now")
+    waits = "; a boot loader that waits for an image (empty flash) answers `terrapin flash` alone\n"
+    with at_work(robot):
+        link = ("--link", port.attach)
+        for words, status, said in (
+            (("node", "list"), 1, f"{port.attach}: no controller answers"),
+            (("node", "set", "3"), 1, "no controller answers"),
+            (("node", "clear"), 1, "no controller answers"),
+            (("param", "get", "radius"), 1, "does not answer to PARAMETER_READ"),
+            (("run", "steady_sand"), 1, "does not say what it was built for; expected this project's firmware"),
+        ):
+            assert terrapin(monkeypatch, *words, *link) == status
+            out, err = capsys.readouterr()
+            assert f"{said}{waits}" in out + err
+            assert (out + err).count("\n") == 1
+    assert terrapin(monkeypatch, "node", "list", "--link", "can:virtual:nobody", "--json", "-") == 1
+    assert json.loads(capsys.readouterr().out)["controllers"] == []
+    assert terrapin(monkeypatch, "node", "list") == 0  # in this process there is always one

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.names import no_image
 from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_hil.robots import selected
 from terrapin_interface.robot import identity_of, robots
@@ -50,5 +51,8 @@ def require_fitting(name: str, ask: Ask) -> None:
     identifier = interface().messages["IDENTITY"].id
     found = ask(question(), lambda frame: frame[0] == identifier)
     if found is None:
-        raise LinkError(f"{name}: the controller does not say what it was built for; expected this project's firmware")
+        raise LinkError(
+            f"{name}: the controller does not say what it was built for; expected this project's firmware"
+            + no_image(name)
+        )
     require_fit(name, found[1])

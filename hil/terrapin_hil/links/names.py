@@ -33,6 +33,7 @@ __all__ = [
     "LinkNameError",
     "able",
     "helped",
+    "no_image",
 ]
 
 BIT_RATE = 500_000  # bit/s, of the controller's CAN
@@ -101,6 +102,14 @@ def helped(job: str) -> str:
     return ", ".join(kind.form for kind in able(job)) + (
         "; options may follow: ?bitrate=250000&node=1&..." if more else "; ?node=1 may follow"
     )
+
+
+def no_image(name: str) -> str:
+    """What ends the complaint about a link `name` on which no controller answers: where it can take an image, its boot
+    loader may wait for one, and answers nothing else."""
+    kind = KINDS.get(name.partition(":")[0])
+    waits = kind is not None and "update" in kind.jobs
+    return "; a boot loader that waits for an image (empty flash) answers `terrapin flash` alone" if waits else ""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from terrapin_hil.links import LinkName, open_link
-from terrapin_hil.links.names import INPROCESS
+from terrapin_hil.links.names import INPROCESS, no_image
 from terrapin_tools.command_options import Json, LinkKeyFile, NodeNumber, deliver, link_option
 from terrapin_tools.errors import UserError
 
@@ -29,7 +29,7 @@ LISTED = 1.0  # s that a bus without any such controller may take to say nothing
 
 
 def list_(link: Link = INPROCESS, json: Json = "") -> int:
-    """Which node numbers are taken, and by which controllers. Exit status 1 when two have one number.
+    """Which node numbers are taken, and by which controllers. Exit status 1 when two have one number, or none answers.
 
     Example: terrapin node list --link socketcan:can0
     """
@@ -42,8 +42,9 @@ def list_(link: Link = INPROCESS, json: Json = "") -> int:
         for answer in answers
     ]
     entries = [asdict(answer) for answers in found.values() for answer in answers]
-    deliver({"link": str(link), "controllers": entries}, "\n".join(rows) or f"{link}: no controller answers", json)
-    return 1 if any(len(answers) > 1 for answers in found.values()) else 0
+    nobody = f"{link}: no controller answers{no_image(str(link))}"
+    deliver({"link": str(link), "controllers": entries}, "\n".join(rows) or nobody, json)
+    return 1 if not rows or any(len(answers) > 1 for answers in found.values()) else 0
 
 
 def _found(link: LinkName) -> Iterator[tuple[int, list[NodeAnswer]]]:

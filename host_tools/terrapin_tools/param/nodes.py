@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from terrapin_hil.links.link import Link, LinkError
+from terrapin_hil.links.names import no_image
 from terrapin_hil.messages import Frame, Sender, interface, protect
 from terrapin_tools.errors import UserError
 
@@ -67,7 +68,8 @@ def require_one(link: Link, node: int) -> None:
 
 
 def clear(link: Link) -> None:
-    """Tells the controller `clear`. LinkError when it says after it that a STOP_ALL still holds."""
+    """Tells the controller `clear`. LinkError when it says after it that a STOP_ALL still holds, or says nothing
+    on a bus, where its STATUS comes a hundred times a second."""
     sender, status = Sender(), interface().messages["STATUS"]
     request = {"request": interface().enums["request"]["clear"]}
     stopped = 1 << interface().faults["stop_all"]
@@ -75,6 +77,8 @@ def clear(link: Link) -> None:
     for _ in range(ATTEMPTS):  # of an unknown sender the second COMMAND is the first that is taken
         answers = _talk(link, [sender.frame("COMMAND", request)])
         heard += [bool(status.decode(data)["faults"] & stopped) for name, data in answers if name == status.id]
+    if not heard and no_image(link.name):
+        raise LinkError(f"{link.name}: no controller answers{no_image(link.name)}")
     if heard and heard[-1]:
         raise LinkError(
             f"{link.name}: STOP_ALL still holds: somebody sends it again, or the controller takes no clear without its "
@@ -106,7 +110,8 @@ def store_node(link: Link, number: int, unique: int | None) -> NodeAnswer:
             raise LinkError(
                 f"{link.name}: the controller takes no change without its link key; expected --link-key FILE"
             )
-        raise LinkError(f"{link.name}: no controller {unique:08x} answers to this node number")
+        which = f"no controller {unique:08x} answers to this node number" if found else "no controller answers"
+        raise LinkError(f"{link.name}: {which}{'' if found else no_image(link.name)}")
     reasons = {
         "locked": "locked while the bridge is on; stop the motor first (request idle)",
         "no_store": "it has no place to keep a node number",

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.names import no_image
 from terrapin_hil.messages import Frame, Interface, Parameter, Sender, interface, protect
 from terrapin_tools.errors import UserError
 
@@ -83,7 +84,7 @@ class Session:
             frame = self.port.ask(self._sender.frame(name, values), wanted)
             if frame is not None:
                 return frame[1]
-        raise Unanswered(f"{self.port.name}: the controller does not answer to {name}")
+        raise Unanswered(f"{self.port.name}: the controller does not answer to {name}{no_image(self.port.name)}")
 
     def _value_of(self, parameter: Parameter, name: str, values: Mapping[str, int]) -> int:
         answer = self._value.decode(self._ask(name, values, self._value.id, parameter.index))
