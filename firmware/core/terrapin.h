@@ -1,12 +1,23 @@
 /* Terrapin controller: the whole controller is one pure step.
  *
+ *     #include "terrapin.h"
+ *     #include "terrapin_interface.h"
+ *
  *     static uint64_t memory[TERRAPIN_STATE_BYTES / 8];
- *     terrapin_state *s = (terrapin_state *)memory;     8-byte aligned, owned by the caller
- *     terrapin_init(s);                         every parameter at its default, bridge off
- *     for each millisecond:
- *         gather inputs
- *         terrapin_step_drive(s, &in, &out);        what the bridge does now: set it
- *         terrapin_step_think(s, &in, &out);        what the ground says, and the frames: send them
+ *     static terrapin_inputs in;
+ *     static terrapin_outputs out;
+ *
+ *     void at_the_start(void) { terrapin_init((terrapin_state *)memory); }
+ *
+ *     void each_millisecond(void) {
+ *         in.tick++;
+ *         terrapin_step_drive((terrapin_state *)memory, &in, &out);
+ *         terrapin_step_think((terrapin_state *)memory, &in, &out);
+ *     }
+ *
+ * The memory is the caller's, 8-byte aligned; its size counts the parameters, which terrapin_interface.h lists.
+ * terrapin_init puts every parameter at its default, and the bridge off. Gather the inputs before the first of the two
+ * calls, which says what the bridge does now: set it. The second says what the ground says, and the frames: send them.
  *
  * One step is these two calls, in this order, with the same inputs and outputs. The first takes nearly the same time in
  * every tick, so that the bridge is set at the same moment of each; the second spreads its work over ten ticks by the

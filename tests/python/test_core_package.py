@@ -163,6 +163,16 @@ def test_headers_are_plain(compiler: list[str], header: str, place: Path, tmp_pa
     run(*compiler, *strict, "-I", place / "include", file)
 
 
+def test_the_example_in_the_header_compiles(place: Path, tmp_path: Path) -> None:
+    """It needed a header that it did not name, and had words between its lines."""
+    top = (place / "include" / "terrapin.h").read_text(encoding="utf-8").partition("*/")[0]
+    lines = [line.removeprefix(" *     ") for line in top.splitlines() if line.startswith(" *     ")]
+    (tmp_path / "example.c").write_text("\n".join(lines) + "\nint main(void) { at_the_start(); each_millisecond(); }\n")
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-I", place / "include")
+    run("cc", *flags, tmp_path / "example.c", next(place.rglob("*.a")), "-o", tmp_path / "example")
+    run(tmp_path / "example")
+
+
 def test_size_of_a_state_is_a_constant(place: Path, tmp_path: Path) -> None:
     """The same on this machine and on the chip, and what the header says."""
     file = tmp_path / "size.c"
