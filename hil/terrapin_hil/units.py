@@ -72,6 +72,9 @@ def base_factor(unit: str) -> float | None:
     return _TO_BASE.get(unit) or next(found, None)
 
 
+# As sheets print horsepower; PS is petasiemens to pint, and the others nothing.
+_HORSEPOWER = {"PS": "metric_horsepower", "CV": "metric_horsepower", "HP": "horsepower", "bhp": "horsepower"}
+
 # Whose zero is not that of the kind -> a unit as large, whose is.
 _WITHOUT_OFFSET = {
     "degree_Celsius": "kelvin",
@@ -97,6 +100,8 @@ def read_unit(text: str) -> pint.Unit:
 
     >>> str(read_unit("kPa/m^0.97"))
     'kilopascal / meter ** 0.97'
+    >>> str(read_unit("PS"))
+    'metric_horsepower'
     """
     spelling = _RAISED.sub(lambda m: "**" + (m[1] + m[2]).translate(_PLAIN), text.strip().replace("^", "**"))
     if spelling in ("", "1"):
@@ -108,7 +113,7 @@ def read_unit(text: str) -> pint.Unit:
     if "!" in spelling:  # pint takes it for a factorial, and `m!` for a metre
         raise ValueError(f"{text!r} is not a unit: found !")
     try:
-        return units().Unit(spelling)
+        return units().Unit(_HORSEPOWER.get(spelling, spelling))
     except Exception as error:  # pint's parser lets Python's tokenizer errors and its own assertions through
         reason = str(error).partition("\n")[0] or type(error).__name__
         raise ValueError(f"{text!r} is not a unit: {reason}") from None

@@ -23,6 +23,7 @@ from terrapin_tools.workbench.files.units import (
     si_factor,
     turns,
 )
+from terrapin_tools.workbench.new_case.from_tables import split_unit
 
 
 @pytest.mark.parametrize(("given", "unit"), [*_FACTORS, *((unit, unit) for unit in sorted(_BASE))])
@@ -188,6 +189,15 @@ def test_a_share_is_one_in_si(unit: str) -> None:
 def test_a_dimension_more_is_another_kind(unit: str, other: str) -> None:
     assert not same_kind(unit, other)
     assert not same_kind(other, unit)
+
+
+@pytest.mark.parametrize(
+    ("unit", "watts"), [("PS", 735.49875), ("CV", 735.49875), ("hp", 745.69987), ("HP", 745.69987)]
+)
+def test_horsepower_as_sheets_print_it_is_a_power(unit: str, watts: float) -> None:
+    """PS was read as petasiemens, which converts to no power."""
+    assert quantity(f"2 {unit}", "W") == pytest.approx(2.0 * watts, rel=1e-8)
+    assert split_unit(f"P [{unit}]") == ("P", unit)
 
 
 def test_what_is_no_rate_is_not_counted_in_turns() -> None:
