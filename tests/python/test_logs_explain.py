@@ -18,7 +18,7 @@ import terrapin_tools as terrapin
 from terrapin_hil import paths
 from terrapin_hil.messages import interface
 from terrapin_tools.cli import main
-from terrapin_tools.logs.reading import read_log
+from terrapin_tools.logs.reading import LogReader, read_log
 
 
 @pytest.fixture(scope="module")
@@ -180,3 +180,22 @@ def test_ros_2_bag(log: terrapin.Log, tmp_path: Path) -> None:
     command(*again, "--force")
     (tmp_path / "own.rosbag2").mkdir()
     assert "no bag" in command("log", "convert", log.path, tmp_path / "own.rosbag2", "--force", status=2)
+
+
+def test_signals_beside_the_frames_of_an_mf4_are_no_lost_rows(log: terrapin.Log, tmp_path: Path) -> None:
+    """Of our own, which has its frames decoded as well, it was said that thousands of rows gave no frame. Frames that
+    python-can passes over still count."""
+    from asammdf import MDF
+
+    reader = LogReader(log.save(tmp_path / "own.mf4"))
+    frames = sum(map(len, reader.blocks()))
+    assert reader.lost == ""
+    assert reader.assumed == [
+        "groups of signals are no frames, and not read: COMMAND, SENSORS_SLOW, SENSORS_FAST and 10 more"
+    ]
+    with MDF(tmp_path / "own.mf4") as mdf:
+        mdf.groups[0].channel_group.flags = 0
+        mdf.save(tmp_path / "unmarked.mf4")
+    reader = LogReader(tmp_path / "unmarked.mf4")
+    assert sum(map(len, reader.blocks())) == 0
+    assert reader.lost == f"{frames} rows gave no frame, records of a bus that python-can does not read as CAN frames"

@@ -10,7 +10,7 @@ from typing import Any
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames
 
-__all__ = ["BLOCK", "FD_LENGTHS", "Source", "brief", "message_flags"]
+__all__ = ["BLOCK", "FD_LENGTHS", "SHOWN", "Source", "brief", "message_flags"]
 
 BLOCK = 20_000  # frames: of the slowest reader within half a second (terrapin_tools.bounded)
 MOST_BUSES = 256
