@@ -100,7 +100,7 @@ def test_what_may_be_names_is_asked_for_with_its_lines(tmp_path: Path, capsys: p
     status, out, err = terrapin(capsys, "look", path, *way.split())
     assert (status, err) == (0, "")
     assert "Drehzahl [Umdrehungen]" in out
-    assert "Zeit [Sekunden]: 0 to 3.9 s" in out
+    assert "Zeit [s]: 0 to 3.9 s" in out
     assert "--read" not in out
     assert terrapin(capsys, "case", "table", path, *way.split(), "--to", tmp_path / "case")[0] == 0
     status, _, err = terrapin(capsys, "look", path, "--read", "nmes=3")

@@ -18,6 +18,7 @@ from terrapin_tools.workbench.files.units import (
     convert,
     convert_difference,
     in_si,
+    in_words,
     quantity,
     shifted,
     si_factor,
@@ -198,6 +199,40 @@ def test_horsepower_as_sheets_print_it_is_a_power(unit: str, watts: float) -> No
     """PS was read as petasiemens, which converts to no power."""
     assert quantity(f"2 {unit}", "W") == pytest.approx(2.0 * watts, rel=1e-8)
     assert split_unit(f"P [{unit}]") == ("P", unit)
+
+
+@pytest.mark.parametrize(
+    ("heading", "name", "unit"),
+    [
+        ("Zeit in Sekunden", "Zeit", "s"),
+        ("Kraft [Newton]", "Kraft", "N"),
+        ("Weg (Millimeter)", "Weg", "mm"),
+        ("speed, metres per second", "speed", "m/s"),
+        ("a in metres per second squared", "a", "m/s^2"),
+        ("M / Millinewtonmeter", "M / Millinewtonmeter", ""),
+        ("Drehzahl, Umdrehungen pro Minute", "Drehzahl", "rpm"),
+        ("x (joule per gram kelvin)", "x", "J/(g K)"),
+        ("dM in newton metres per second", "dM", "N m/s"),
+        ("Durchfluss in Liter pro Minute", "Durchfluss", "L/min"),
+        ("angle in degrees", "angle in degrees", ""),  # of temperature or of angle
+        ("Drehung in Umdrehungen", "Drehung in Umdrehungen", ""),
+        ("torque, second", "torque, second", ""),  # the second of two
+        ("speed in second", "speed in second", ""),  # a gear
+        ("power, meter", "power, meter", ""),
+        ("current in A", "current in A", ""),
+        ("in Sekunden", "in Sekunden", ""),
+        ("x, kilo", "x, kilo", ""),
+    ],
+)
+def test_a_unit_in_words_is_read_where_it_is_one(heading: str, name: str, unit: str) -> None:
+    """It was not read, and minutes were taken for seconds."""
+    assert split_unit(heading) == (name, unit)
+    check(unit)
+
+
+@pytest.mark.parametrize("text", ["", "x per second", "newton per x", "metre per second per second", "squared", "kilo"])
+def test_words_that_are_not_all_known_are_no_unit(text: str) -> None:
+    assert in_words(text) == ""
 
 
 def test_what_is_no_rate_is_not_counted_in_turns() -> None:

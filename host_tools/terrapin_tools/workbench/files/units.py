@@ -21,10 +21,12 @@ from terrapin_hil.units import read_unit, same_kind
 from terrapin_hil.units import units as registry
 
 __all__ = [
+    "behind_words",
     "check",
     "convert",
     "convert_difference",
     "in_si",
+    "in_words",
     "quantity",
     "same_kind",
     "shifted",
@@ -48,14 +50,85 @@ _SPELLINGS = {
 }  # fmt: skip
 
 
+# Units in words, English and German; left out is what may be another thing: degrees and Grad, turns, pounds.
+_UNIT_WORDS = {
+    word: unit
+    for unit, words in {
+        "s": "second seconds sekunde sekunden", "m": "meter meters metre metres metern", "N": "newton newtons",
+        "N m": "newtonmeter newtonmetern newtonmeters newtonmetre newtonmetres", "Pa": "pascal pascals", "bar": "bar",
+        "V": "volt volts", "A": "ampere amperes amp amps", "W": "watt watts", "ohm": "ohm ohms", "J": "joule joules",
+        "g": "gram grams gramm", "L": "liter liters litre litres litern", "Hz": "hertz",
+        "rad": "radian radians radiant",
+    }.items()
+    for word in words.split()
+}  # fmt: skip
+_WHOLE_WORDS = {
+    "minute": "min", "minutes": "min", "minuten": "min", "hour": "h", "hours": "h", "stunde": "h", "stunden": "h",
+    "kelvin": "K", "percent": "percent", "prozent": "percent", "celsius": "degC", "grad celsius": "degC",
+    "degree celsius": "degC", "degrees celsius": "degC", "fahrenheit": "degF", "degrees fahrenheit": "degF",
+    "revolutions per minute": "rpm", "umdrehungen pro minute": "rpm", "umdrehungen je minute": "rpm",
+}  # fmt: skip
+_MULTIPLES = {
+    "nano": "n", "micro": "u", "mikro": "u", "milli": "m", "centi": "c", "zenti": "c", "kilo": "k", "mega": "M",
+    "giga": "G",
+}  # fmt: skip
+_SQUARED = ("squared", "quadrat")
+_LONE = ("second", "minute", "hour", "meter", "bar", "amp")  # behind a comma they may be another thing: "power, meter"
+
+
+def in_words(text: str) -> str:
+    """The unit that is written in words, "" where they are not all known.
+
+    >>> in_words("Millimeter"), in_words("metres per second squared"), in_words("Kilowatt"), in_words("degrees")
+    ('mm', 'm/s^2', 'kW', '')
+    """
+    phrase = " ".join(text.casefold().split())
+    if phrase in _WHOLE_WORDS:
+        return _WHOLE_WORDS[phrase]
+    top, *below = re.split(r" (?:per|pro|je) ", phrase)
+    parts = [_product(part) for part in (top, *below)]
+    if "" in parts or len(parts) > 2:
+        return ""
+    return "/".join(f"({part})" if " " in part and part is not parts[0] else part for part in parts)
+
+
+def _product(words: str) -> str:
+    """The unit of words beside each other, the last perhaps squared; "" for none."""
+    *more, last = words.split() or [""]
+    squared = last in _SQUARED and bool(more)
+    units = [_word(word) for word in (more if squared else (*more, last))]
+    return " ".join(units) + "^2" * squared if all(units) else ""
+
+
+def _word(word: str) -> str:
+    if known := _UNIT_WORDS.get(word, _WHOLE_WORDS.get(word, "")):
+        return known
+    multiple = next((prefix for prefix in _MULTIPLES if word.startswith(prefix)), "")
+    unit = _UNIT_WORDS.get(word.removeprefix(multiple), "") if multiple else ""
+    return _MULTIPLES[multiple] + unit if unit else ""
+
+
+def behind_words(heading: str) -> tuple[str, str]:
+    """A heading's bare name, and the unit that stands behind it in words; "" for none.
+
+    >>> behind_words("Zeit in Sekunden"), behind_words("speed, metres per second"), behind_words("torque, second")
+    (('Zeit', 's'), ('speed', 'm/s'), ('torque, second', ''))
+    """
+    match = re.fullmatch(r"\s*(.*\S)(\s+in\s+|\s*,\s*)(.+?)\s*", heading)
+    if match is None or match[3].casefold() in (_LONE if "," in match[2] else _LONE[:1]):
+        return heading, ""
+    unit = in_words(match[3])
+    return (match[1], unit) if unit else (heading, "")
+
+
 def spelling(unit: str) -> str:
     """A unit as people write it, as pint reads it.
 
-    >>> spelling("mN\u00b7m"), spelling("Nm"), spelling("%"), spelling("rad/s")
-    ('mN m', 'N m', 'percent', 'rad/s')
+    >>> spelling("mN\u00b7m"), spelling("Nm"), spelling("%"), spelling("rad/s"), spelling("Newton")
+    ('mN m', 'N m', 'percent', 'rad/s', 'N')
     """
     unit = re.sub("[\u00b7\u22c5*](?!\\*)", " ", unit.strip()) if "**" not in unit else unit.strip()
-    return _SPELLINGS.get(unit, unit)
+    return _SPELLINGS.get(unit) or in_words(unit) or unit
 
 
 def check(unit: str) -> None:

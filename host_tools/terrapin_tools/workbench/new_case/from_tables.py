@@ -106,6 +106,8 @@ def split_unit(column: str) -> tuple[str, str]:
     (('w_shell', 'rad/s'), ('i_motor', 'mA'), ('slip', ''), ('fz', 'N'))
     >>> split_unit("coil_temp_C"), split_unit("phase_C"), split_unit("dT_K"), split_unit("time_of_day_h")
     (('coil_temp', 'degC'), ('phase_C', ''), ('dT', 'K'), ('time_of_day', 'h'))
+    >>> split_unit("Zeit in Sekunden"), split_unit("Kraft [Newton]"), split_unit("speed, metres per second")
+    (('Zeit', 's'), ('Kraft', 'N'), ('speed', 'm/s'))
     """
     bracket = re.fullmatch(r"\s*(.+?)\s*[\[(]\s*([^\])]*)\s*[\])]\s*", column)
     if bracket:
@@ -115,6 +117,8 @@ def split_unit(column: str) -> tuple[str, str]:
         except ValueError:
             return column, ""
         return bracket[1], unit
+    if (said := units.behind_words(column))[1]:
+        return said
     for letter, (unit, beside) in LETTERS.items():
         name = column.removesuffix(f"_{letter}")
         if name != column and name and (not beside or {*beside.split()} & {*_words(name)}):
