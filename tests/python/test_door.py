@@ -418,6 +418,32 @@ def test_a_heading_of_any_alphabet_becomes_a_name_of_the_model(heading: str) -> 
     assert made.discover().missing
 
 
+def test_a_column_with_a_unit_in_its_heading_is_taken_and_what_is_left_is_said() -> None:
+    """`temp [degC]` that the equation does not name was no candidate, and no word said so."""
+    table = bench().rename(columns={"w": "w [rpm]", "M": "M [mN m]", "temp": "temp [degC]", "run": "lap [-]"})
+    rows = len(table)
+    table["t in minutes"] = np.arange(rows) / 60.0
+    table["oil temp"] = table["D [mm]"] = table["D [cm]"] = np.random.default_rng(1).normal(size=rows)
+    table["gap [N]"] = np.where(np.arange(rows) % 2, 1.0, np.nan)
+    table["a [N m]"] = 1.0
+    table["day [-]"] = "monday"
+    made = terrapin.Case.from_table(table, run="lap", equation={"M": "a + b*w"}, fit=FIT)
+    found = tomllib.loads(made.text)["data"]["columns"]
+    assert {name: entry["unit"] for name, entry in found.items()} == {
+        "M": "mN m", "w": "rpm", "temp": "degC", "t": "min",
+    }  # fmt: skip
+    said = made.compare().as_dict()["intake"]["remarks"]
+    assert said[0] == (
+        "table: in no formula, as no name or no unit tells what they are: D [cm], D [mm], a [N m], oil temp "
+        "(columns={'D': 'D [cm]'}, units={'D': UNIT} takes one)."
+    )
+    assert "Not looked at, for gaps: gap [N]." in said
+    taken = {"columns": {"oil": "oil temp"}, "units": {"oil": "degC"}}
+    again = terrapin.Case.from_table(table, run="lap", equation={"M": "a + b*w"}, fit=FIT, **taken)
+    assert "oil temp" not in again.compare().as_dict()["intake"]["remarks"][0]
+    assert again == pickle.loads(pickle.dumps(again)) != made
+
+
 def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
     wrong = terrapin.errors.InputError
     for asked, expected in (

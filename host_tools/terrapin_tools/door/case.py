@@ -103,7 +103,8 @@ class Case:
         table : whatever speaks Arrow (pandas, polars, pyarrow), a mapping of columns to arrays, or the name of a file
             with a table (docs/cases.md).
         run : column that names the run of each row; "": all rows are one run.
-        units : unit by column, where neither the column's metadata (`unit`) nor its name ("w [rpm]") tells it.
+        units : unit by column, where neither the column's metadata (`unit`) nor its name ("w [rpm]") tells it. A column
+            whose unit is told is taken, whether the equation names it or not; answers say which are in no formula.
             Here and below a column is named by its heading as it is written, or by its bare name: `D [mm]` or `D`.
         equation : channel -> formula, of base "equation".
         fit : fitted name -> START, (START, MIN, MAX) or (START, MIN, MAX, UNIT).

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tempfile
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+import numpy as np
 import tomlkit
 
 from terrapin_hil.physics.expression import is_name, parse
@@ -64,8 +66,15 @@ def case_of(
     table, told = table_of(source)
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
+    run_column = meant(run, table.columns) if run else ""
+    if run_column is None:
+        raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
     formulas = {name for formula in equation.values() for name in _names_in(formula)} - {*fit, *constants}
-    columns = _by_headings(table, base, columns, (*equation, *roles, *units, *sorted(formulas)))
+    measured = {column for column in table.columns if column != run_column and _is_whole(table, column)}
+    own_units = [
+        column for column in _with_units(table) if column in measured and _bare(column) not in {*fit, *constants}
+    ]
+    columns = _by_headings(table, base, columns, (*equation, *roles, *units, *sorted(formulas), *own_units))
     equation, roles = _by_names(table, columns, equation), _by_names(table, columns, roles)
     units, noise = _by_names(table, columns, units), _by_names(table, columns, noise)
     names = _columns(table, base, columns, {**dict.fromkeys(roles, ""), **told, **units}, equation)
@@ -80,9 +89,6 @@ def case_of(
         if not unit:
             raise UserError(f"column {column}: found no unit, expected one: units={{{name!r}: 'mm'}}; '1' for none")
         mapped[name] = {"column": column, "unit": unit, "is": roles.get(name), "sigma": noise.get(name)}
-    run_column = meant(run, table.columns) if run else ""
-    if run_column is None:
-        raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
     order = {
         "title": title,
         "base": base,
@@ -100,7 +106,7 @@ def case_of(
         "test": [_run(one) for one in test],
     }
     text = document_of(order, [FILE], maker="terrapin_tools.Case")
-    held = {FILE: table}
+    held = {FILE: replace(table, notes=(*table.notes, *_not_taken(measured - {*names.values()}, base)))}
     try:
         return parse_case(Path(), text, held)
     except UserError as error:  # the line of a file that is not there says nothing
@@ -125,14 +131,43 @@ def _by_headings(table: Table, base: str, columns: Mapping[str, str], said: Iter
         found[name] = heading
     allowed = {*BASES[base].channels, *BASE_ROLES}
     for one in said:
-        heading, bare = meant(one, table.columns), parted(one)[0]
-        if heading in (None, bare) or heading in found.values():
-            continue
-        if not is_name(bare) and not is_name(bare := in_letters(bare)):
+        heading, bare = meant(one, table.columns), _bare(one)
+        if heading in (None, parted(one)[0]) or heading in found.values() or not is_name(bare):
             continue
         if BASES[base].own_names or bare in allowed:
             found.setdefault(bare, str(heading))
     return found
+
+
+def _bare(heading: str) -> str:
+    """The name that a heading has in formulas, as far as letters can write it."""
+    bare = parted(heading)[0]
+    return bare if is_name(bare) else in_letters(bare)
+
+
+def _is_whole(table: Table, column: str) -> bool:
+    """Whether a column is of numbers, without gaps."""
+    try:
+        return not np.isnan(table.numbers(column, gaps=True)).any()
+    except UserError:
+        return False
+
+
+def _with_units(table: Table) -> list[str]:
+    """The headings with a unit that can be read, whose bare name no other one has."""
+    bares = Counter(map(_bare, table.columns))
+    return [one for one in table.columns if parted(one)[1] and split_unit(one)[1] and bares[_bare(one)] == 1]
+
+
+def _not_taken(columns: Collection[str], base: str) -> list[str]:
+    """What to say of columns of numbers that no name in the model means, though one could."""
+    own, roles = BASES[base].own_names, {*BASES[base].channels, *BASE_ROLES}
+    left = sorted(one for one in columns if (not is_name(formula_name(one)) if own else _bare(one) in roles))
+    if not left:
+        return []
+    name = _bare(left[0])
+    how = f"columns={{{name!r}: {left[0]!r}}}, " * (name != left[0]) + f"units={{{name!r}: UNIT}}"
+    return [f"in no formula, as no name or no unit tells what they are: {', '.join(left)} ({how} takes one)"]
 
 
 def _by_names(table: Table, columns: Mapping[str, str], given: Mapping[str, Given]) -> dict[str, Given]:

@@ -194,13 +194,13 @@ def _text(value: Any) -> str:
 
 
 def parted(heading: str) -> tuple[str, str]:
-    """A heading's bare name, and the unit behind it as it is written, "" for none.
+    """A heading's bare name, and the unit behind it as it is written, or that of words; "" for none.
 
-    >>> parted("D [mm]"), parted("q (kPa)"), parted("slip")
-    (('D', 'mm'), ('q', 'kPa'), ('slip', ''))
+    >>> parted("D [mm]"), parted("q (kPa)"), parted("slip"), parted("Zeit in Sekunden")
+    (('D', 'mm'), ('q', 'kPa'), ('slip', ''), ('Zeit', 's'))
     """
     match = _HEADING.fullmatch(heading)
-    return (match[1], match[2].strip()) if match else (heading.strip(), "")
+    return (match[1], match[2].strip()) if match else units.behind_words(heading.strip())
 
 
 def meant(said: str, columns: Iterable[str]) -> str | None:
