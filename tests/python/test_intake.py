@@ -16,10 +16,13 @@ import numpy as np
 import pytest
 from casekit import ROLLING, one_line, rolling, terrapin
 
+from terrapin_tools import Case
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import OwnParameter, parse_parameter
 from terrapin_tools.workbench.case.columns import run_of_rows
+from terrapin_tools.workbench.case.intake import beyond
 from terrapin_tools.workbench.files import csv_files
 
 
@@ -29,6 +32,36 @@ def change(folder: Path, cells: dict[tuple[int, int], str]) -> None:
     for (line, column), text in cells.items():
         lines[line - 1][column] = text
     (folder / "runs.csv").write_text("\n".join(map(",".join, lines)) + "\n")
+
+
+def test_inertias_of_another_robot_beside_light_masses_are_said() -> None:
+    """The sphere's own constants stand for what is not stated: 0.3 kg had 38 times the inertia that it could have."""
+    named = ("time", "joint_rate", "torque", "rolling_angle", "swing_angle", "speed")
+    table = {name: np.arange(40.0) / 10.0 for name in named}
+    units = dict(zip(named, ("s", "rad/s", "N m", "rad", "rad", "m/s"), strict=True))
+    soil = {"n": 1, "friction_angle": "35 deg", "shear_modulus": "15 mm"}
+    light = {
+        "shell_mass": "0.3 kg",
+        "frame_mass": "1.5 kg",
+        "bob_mass": "0.15 kg",
+        "radius": "0.11 m",
+        "length": "6 cm",
+    }
+
+    def remarks(**constants: Any) -> list[str]:
+        case = Case.from_table(table, base="sphere_slip", units=units, constants=constants, fit={"k_s": 2e6})
+        return [text for text in case._case.intake if "_inertia" in text]
+
+    assert remarks(**soil, **light) == [
+        "shell_inertia is 0.138 kg m^2, and 0.3 kg within the radius of 0.11 m has 0.00363 at most: state it, for what "
+        "is not stated is another robot's."
+    ]
+    assert remarks(**soil, **light, shell_inertia="0.0038 kg m^2") == []
+    assert remarks(**soil, **light, shell_inertia="0.0039 kg m^2") != []
+    assert remarks(**soil) == []
+    assert not any("_inertia" in text for text in Case.example("cylinder_over_time")._case.intake)
+    for base in BASES.values():  # what stands for what is not stated is right in itself
+        assert beyond({name: one.default for name, one in base.parameters.items() if one.default is not None}) == []
 
 
 @pytest.mark.parametrize("large", [False, True])

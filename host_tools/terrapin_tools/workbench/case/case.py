@@ -26,7 +26,7 @@ from terrapin_tools.workbench.case.effect_units import contradiction
 from terrapin_tools.workbench.case.effects import read_library, sound
 from terrapin_tools.workbench.case.goal import read_goal
 from terrapin_tools.workbench.case.groups import read_shares
-from terrapin_tools.workbench.case.intake import guesses
+from terrapin_tools.workbench.case.intake import beyond, guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.case.zero_points import zero_points
@@ -82,7 +82,7 @@ class Case(Measurements):
     @property
     def intake(self) -> tuple[str, ...]:
         """What a reader has to know of the numbers before the answer."""
-        return (*self.remarks, *guesses(self.guessed))
+        return (*self.remarks, *beyond(self.parameters), *guesses(self.guessed))
 
     @property
     def stated(self) -> dict[str, tuple[float, str]]:

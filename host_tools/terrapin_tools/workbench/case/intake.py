@@ -12,10 +12,11 @@ from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, turns
 
-__all__ = ["BOTH_WAYS", "MARK", "Mapped", "assumed", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
+__all__ = ["BOTH_WAYS", "MARK", "Mapped", "assumed", "beyond", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
 
 MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
 LONGEST = 1 << 12  # bytes of that line
+ROUNDED = 1.05  # values are given with two digits
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
 
@@ -98,6 +99,23 @@ def unsigned(values: Mapping[str, Array], told: Mapping[str, str]) -> list[str]:
     if min(forward, backward) < BOTH_WAYS or not ((values[current] >= 0.0).all() or (values[current] <= 0.0).all()):
         return []
     return [f"{current} has one sign only although {speed} takes both: it seems to be a magnitude that lost its sign."]
+
+
+def beyond(parameters: Mapping[str, float]) -> list[str]:
+    """Moments of inertia that no mass inside the shell can have, in sentences: what is not stated of a robot is
+    another one's, and a light robot has masses of its own beside them."""
+    found = []
+    for part in ("shell", "frame", "bob", "body"):
+        names = f"{part}_inertia", f"{part}_mass", "radius"
+        if not parameters.keys() >= {*names}:
+            continue
+        inertia, mass, radius = (parameters[name] for name in names)
+        if inertia > ROUNDED * mass * radius**2:
+            found.append(
+                f"{names[0]} is {inertia:.3g} kg m^2, and {mass:.3g} kg within the radius of {radius:.3g} m has "
+                f"{mass * radius**2:.3g} at most: state it, for what is not stated is another robot's."
+            )
+    return found
 
 
 def guesses(paths: Sequence[str]) -> list[str]:
