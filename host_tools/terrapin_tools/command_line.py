@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import difflib
 import importlib
 import os
 import pkgutil
+import re
 import sys
 from pathlib import Path
 from typing import Annotated, Any
@@ -76,6 +78,39 @@ def _app(group: type[TyperGroup]) -> typer.Typer:
     return app
 
 
+_WRONG = re.compile(r"Invalid value for '([^']+)': ")
+_CHOICE = re.compile(r" is not one of '([^\n]*)'\.?$")
+_EXPECTED = {  # kind of pydantic's complaint -> what was expected
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_parsing": "a number",
+    "greater_than_equal": "{ge} or more",
+    "less_than_equal": "{le} at most",
+}
+
+
+def _in_own_words(error: typer.TyperException) -> str:
+    """What is wrong with the command line. Of a value: which, what was found and what was expected, as everywhere else;
+    Typer hands on the words of pydantic."""
+    message = error.format_message()
+    wrong, errors = _WRONG.match(message), getattr(error.__cause__, "errors", None)
+    if wrong is None or errors is None:
+        return message
+    from terrapin_hil.reading import shorten
+
+    first = errors()[0]
+    found = str(first["input"])
+    if choice := _CHOICE.search(str(first["msg"])):
+        known = choice[1].split("', '")
+        near = difflib.get_close_matches(found, known, 1)
+        expected = f"one of {', '.join(known)}" + (f"; is `{near[0]}` meant?" if near else "")
+    elif first["type"] in _EXPECTED:
+        expected = _EXPECTED[first["type"]].format(**first.get("ctx", {}))
+    else:
+        return message
+    return f"{wrong[1]}: found {shorten(found)}, expected {expected}"
+
+
 def run() -> object:
     """Run the command that the arguments name; its exit status, where it is a number. UserError, KeyboardInterrupt and
     whatever the command raises: Typer's own way out would turn Ctrl-C and a closed pipe into others."""
@@ -95,7 +130,7 @@ def run() -> object:
     except typer.Abort:
         raise KeyboardInterrupt from None
     except typer.TyperException as error:  # a wrong command line; without any argument its message is the help
-        message = error.format_message()
+        message = _in_own_words(error)
         if not message.startswith("Usage:"):
             raise UserError(message, status=error.exit_code) from None
         print(message, file=sys.stderr)  # a command without its sub-command: help, not a complaint

@@ -475,7 +475,8 @@ def test_set_changes_what_the_file_says(tmp_path: Path, scenario: Path) -> None:
 def test_bad_set_is_one_line(capsys: pytest.CaptureFixture[str], scenario: Path) -> None:
     for words, said in (
         (["--set", "robot.coulomb"], ["--set", "NAME=VALUE"]),
-        (["--set", "path.2.slope=0"], ["path.2.slope", "expected 1 to 1"]),
+        (["--set", "path.2.slope=0"], ["path.2.slope: found 2, expected 1 to 1: the scenario's file has to have it"]),
+        (["--set", "fault.2.from=3"], ["fault.2.from: found 2, expected none: the scenario's file has to have it"]),
         (["--set", "path.slope=0"], ["path.slope", "expected a table"]),
         (["--set", "robot.coulomb=-3"], ["climb.toml", "robot.coulomb", "found -3"]),
         (["--set", "../x=3"], ["'../x'", "name of a field"]),

@@ -110,6 +110,21 @@ def test_short_help_is_help(command: str, capsys: pytest.CaptureFixture[str], mo
         (["param", "lst"], "No such command 'lst'. Did you mean 'list'"),
         (["run", "steady_sand", "--sed", "7"], "No such option: --sed (Possible options: --seed, --set)"),
         (["qqqq"], "No such command 'qqqq'.\n"),
+        (
+            ["fmu", "export", "controler", "-o", "x.fmu"],
+            "what: found 'controler', expected one of controller, plant, both; is `controller` meant?\n",
+        ),
+        (["fmu", "export", "zz'z", "-o", "x.fmu"], 'what: found "zz\'z", expected one of controller, plant, both\n'),
+        (["run", "steady_sand", "--seed", "x"], "--seed: found 'x', expected a whole number\n"),
+        (["run", "steady_sand", "--seed", "-1"], "--seed: found '-1', expected 0 or more\n"),
+        (
+            ["run", "steady_sand", "--seed", "9" * 20],
+            "--seed: found '99999999999999999999', expected 9223372036854775807",
+        ),
+        (
+            ["log", "record", "x", "--link", "serial:x", "--duration", "abc"],
+            "--duration: found 'abc', expected a number\n",
+        ),
     ],
 )
 def test_a_mistyped_word_is_answered_with_a_suggestion(

@@ -77,7 +77,8 @@ def _get(table: Any, name: str, here: str | int, absent: Any) -> Any:
     if isinstance(here, str):
         return table.get(here, absent)
     if here >= len(table):
-        raise UserError(f"{name}: found {here + 1}, expected 1 to {len(table)}" if table else f"{name}: has no entries")
+        expected = f"1 to {len(table)}" if table else "none"
+        raise UserError(f"{name}: found {here + 1}, expected {expected}: the scenario's file has to have it")
     return table[here]
 
 
