@@ -45,7 +45,8 @@ def opened(path: Path, expected: str = "a Parquet file") -> Iterator[Any]:
                 raise UserError(f"{path}: column {shorten(twice)} stands twice, expected once")
             yield file
     except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
-        reason = next(iter(str(error).splitlines()), type(error).__name__)[:200]
+        known = isinstance(error, pyarrow.ArrowNotImplementedError) or getattr(error, "errno", None)
+        reason = next(iter(str(error).splitlines()), "")[:200] if known else "is damaged, or none"
         raise UserError(f"{path}: {reason}, expected {expected}") from None
 
 

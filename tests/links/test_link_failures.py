@@ -23,11 +23,17 @@ import numpy as np
 import pytest
 
 from terrapin_hil import paths
+from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.names import LinkName
+from terrapin_hil.links.pythoncan import opened
 from terrapin_hil.links.slcan import ControllerProcess
 from terrapin_hil.messages import interface
 from terrapin_hil.scenario.scenario import find_scenario
 from terrapin_tools.cli import main
+from terrapin_tools.errors import UserError
+from terrapin_tools.flash.wires import open_serial
 from terrapin_tools.logs import candump
+from terrapin_tools.logs.slcan import SlcanBus
 from tests.waiting import BOUND, wait_for
 
 TERRAPIN = [sys.executable, "-c", "from terrapin_tools.cli import main; main()"]
@@ -348,11 +354,11 @@ def test_a_folder_in_use(
 @pytest.mark.parametrize(
     ("device", "words"),
     [
-        ("/dev/nothing", "No such file or directory"),
+        ("/dev/nothing", "no such device; `terrapin flash --list` shows what is there"),
         ("/dev/null", "not a terminal"),
         (__file__, "not a terminal"),
         ("/tmp", "Is a directory"),
-        ("/dev/no\nthing", "No such file or directory"),
+        ("/dev/no\nthing", "no such device; `terrapin flash --list` shows what is there"),
         ("/dev/null/x", "Not a directory"),
     ],
 )
@@ -366,6 +372,19 @@ def test_a_wrong_device(
     assert (left.value.code, out) == (1, "")
     shown = device.replace("\n", "\\n")
     assert error == f"terrapin: {shown}: cannot open the link: {words}\n"
+
+
+@pytest.mark.parametrize("link", ["can:slcan:/dev/nothing", "can:serial:/dev/nothing"])
+def test_a_device_that_is_not_there_is_said_alike_by_each_driver(link: str) -> None:
+    """pyserial and python-can put their words and numbers around those of the system."""
+    expected = f"{link}: cannot open the link: no such device; `terrapin flash --list` shows what is there"
+    with pytest.raises(LinkError) as caught:
+        opened(LinkName.parse(link))
+    assert str(caught.value) == expected
+    with pytest.raises(UserError, match=r"^serial:/dev/nothing: cannot open the link: no such device; "):
+        SlcanBus(LinkName.parse("serial:/dev/nothing"))
+    with pytest.raises(UserError, match=r"^/dev/nothing: cannot open the serial port: no such device; "):
+        open_serial("/dev/nothing", 9600)
 
 
 def test_a_device_with_nobody_behind_it(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:

@@ -328,7 +328,7 @@ def test_a_node_number_that_is_none_is_refused(tmp_path: Path, node: str) -> Non
 
 
 def test_paths_that_are_no_link(tmp_path: Path) -> None:
-    with pytest.raises(LinkError, match=r"cannot open the link: No such file or directory"):
+    with pytest.raises(LinkError, match=r"cannot open the link: no such device; `terrapin flash --list` shows"):
         SlcanPort.open(tmp_path / "nothing")
     (tmp_path / "file").touch()
     before = os.listdir("/proc/self/fd")

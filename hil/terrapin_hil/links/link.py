@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -12,7 +13,7 @@ from terrapin_hil.messages import AnswerError, Frame, interface
 if TYPE_CHECKING:
     from terrapin_hil.simulation import Simulation
 
-__all__ = ["Link", "LinkError", "Sealable", "Sealing", "refuse_production"]
+__all__ = ["Link", "LinkError", "Sealable", "Sealing", "not_there", "refuse_production"]
 
 IDENTITY_LIMIT = 5.0  # s; a controller that goes on by itself tells each second who it is
 
@@ -22,6 +23,17 @@ class LinkError(OSError):
 
     def __str__(self) -> str:
         return str(self.args[0])
+
+
+def not_there(error: BaseException) -> str:
+    """Why a link does not open: of what is not there in our words, else in those of the system or the driver."""
+    number = getattr(error, "errno", None) or getattr(error.__cause__ or error.__context__, "errno", None)
+    if number == errno.ENOENT:
+        return "no such device; `terrapin flash --list` shows what is there"
+    if number == errno.EAFNOSUPPORT:
+        return "this system has no SocketCAN"
+    said = getattr(error, "strerror", None) or str(error)
+    return next(iter(said.splitlines()), "") or type(error).__name__
 
 
 def refuse_production(name: str, listen: Callable[[float], Sequence[Frame]]) -> None:

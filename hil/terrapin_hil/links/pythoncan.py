@@ -11,7 +11,7 @@ import can
 from can.util import cast_from_string
 
 from terrapin_hil.links.bus import BusLink
-from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.link import LinkError, not_there
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.messages import Frame, interface
 from terrapin_hil.nodes import Node
@@ -30,8 +30,7 @@ def opened(link: LinkName, bit_rate: int = BIT_RATE, **more: Any) -> can.BusABC:
     try:
         return can.Bus(interface=link.interface, channel=link.channel, **options)
     except Exception as error:  # each adapter's driver has its own way of not being there
-        reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-        raise LinkError(f"{link}: cannot open the link: {reason}") from None
+        raise LinkError(f"{link}: cannot open the link: {not_there(error)}") from None
 
 
 class PythonCan:

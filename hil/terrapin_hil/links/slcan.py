@@ -21,7 +21,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 
 from terrapin_hil import paths
-from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.link import LinkError, not_there
 from terrapin_hil.links.names import BIT_RATE
 from terrapin_hil.messages import Frame
 
@@ -100,7 +100,7 @@ class SlcanPort(AbstractContextManager["SlcanPort"]):
         except (OSError, termios.error) as error:
             if descriptor >= 0:
                 os.close(descriptor)
-            reason = error.strerror if isinstance(error, OSError) else "not a terminal"
+            reason = not_there(error) if isinstance(error, OSError) else "not a terminal"
             raise LinkError(f"{self.path}: cannot open the link: {reason}") from None
         return descriptor, descriptor
 

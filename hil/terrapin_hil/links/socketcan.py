@@ -15,7 +15,7 @@ from collections.abc import Sequence
 
 from terrapin_hil.links.bus import BusLink
 from terrapin_hil.links.frame_batch import MOST, FrameBatch
-from terrapin_hil.links.link import LinkError
+from terrapin_hil.links.link import LinkError, not_there
 from terrapin_hil.links.names import LinkName
 from terrapin_hil.messages import Frame
 from terrapin_hil.nodes import Node
@@ -41,7 +41,7 @@ class SocketCan:
         try:
             self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
         except OSError as error:
-            raise LinkError(f"{self.name}: cannot open the link: {error.strerror}") from None
+            raise LinkError(f"{self.name}: cannot open the link: {not_there(error)}") from None
         self._node = Node(link.node)
         mask = STANDARD | EXTENDED | REMOTE
         filters = b"".join(struct.pack("=II", name, mask) for name in self._node.answers)
@@ -53,7 +53,7 @@ class SocketCan:
             self._socket.bind((link.channel,))
         except OSError as error:
             self._socket.close()
-            raise LinkError(f"{self.name}: cannot open the link: {error.strerror or error}") from None
+            raise LinkError(f"{self.name}: cannot open the link: {not_there(error)}") from None
         self._out, self._in = FrameBatch(), FrameBatch()
         self._poll = select.poll()
         self._poll.register(self._socket, select.POLLIN)

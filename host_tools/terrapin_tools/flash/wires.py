@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
+from terrapin_hil.links.link import not_there
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.links.slcan import slcan_line, slcan_parse
 from terrapin_hil.messages import Frame
@@ -27,8 +28,7 @@ def open_serial(port: str, baud: int, **more: Any) -> Any:
     try:
         return serial.Serial(port, baud, write_timeout=5, exclusive=True, **more)
     except (OSError, ValueError) as error:  # serial.SerialException is an OSError
-        reason = getattr(error, "strerror", None) or str(error)
-        raise UserError(f"{port}: cannot open the serial port: {reason}", status=1) from None
+        raise UserError(f"{port}: cannot open the serial port: {not_there(error)}", status=1) from None
 
 
 class SerialWire(Wire):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import serial
 
+from terrapin_hil.links.link import not_there
 from terrapin_hil.links.names import BIT_RATE, LinkName
 from terrapin_hil.links.slcan import BIT_RATES
 from terrapin_tools.errors import UserError
@@ -102,8 +103,7 @@ class SlcanBus:
             self._port = serial.Serial(link.channel, link.baud or BAUD, timeout=WAIT, write_timeout=2.0)
             self._port.write(b"\rC\r" + BIT_RATES[bitrate] + b"\rO\r")
         except (OSError, ValueError) as error:  # SerialException is an OSError
-            reason = next(iter(str(error).splitlines()), "") or type(error).__name__
-            raise UserError(f"{link}: cannot open the link: {reason}", status=1) from None
+            raise UserError(f"{link}: cannot open the link: {not_there(error)}", status=1) from None
 
     def receive(self, seconds: float) -> Frames:
         """What comes within `seconds`. UserError (status 1) when the port goes away; what came before is not lost."""

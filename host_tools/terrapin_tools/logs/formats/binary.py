@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.formats.source import Source, brief
+from terrapin_tools.logs.formats.source import Source, brief, no_frame
 from terrapin_tools.logs.frames import Frames
 
 __all__ = ["by_python_can"]
@@ -37,7 +37,7 @@ def by_python_can(
         if not source.total:
             kind = source.path.suffix[1:].upper()
             whole = "a whole MF4" if kind == "MF4" else f"a {kind}"  # its blocks are found from one another
-            raise UserError(f"{source.path}: {brief(error)}, expected {whole} bus log") from None
+            raise no_frame(source.path, f"{whole} bus log") from None
         source.cut = f"unreadable after {source.last:.6f} s ({brief(error)})"
     yield source.take()
     source.told(source.size)

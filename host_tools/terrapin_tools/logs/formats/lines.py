@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.formats.source import Source, brief, sound
+from terrapin_tools.logs.formats.source import Source, brief, no_frame, sound
 from terrapin_tools.logs.frames import Frames
 
 __all__ = ["Parse", "by_python_can", "numbered", "rows"]
@@ -135,7 +135,7 @@ def by_python_can(
             if lines.damaged > MOST_DAMAGED:
                 if not source.total:
                     kind = source.path.suffix[1:].upper()
-                    raise UserError(f"{source.path}: {brief(error)}, expected a {kind} bus log") from None
+                    raise no_frame(source.path, f"a {kind} bus log") from None
                 source.cut = f"more than {MOST_DAMAGED} rows could not be read ({brief(error)})"
                 break
             continue

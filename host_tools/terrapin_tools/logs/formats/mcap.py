@@ -10,7 +10,7 @@ from pathlib import Path
 
 from terrapin_tools.bounded import bounded
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.formats.source import Source, brief
+from terrapin_tools.logs.formats.source import Source, brief, no_frame
 from terrapin_tools.logs.frames import Frames
 
 __all__ = ["RAW_TOPIC", "SUFFIXES", "blocks", "holds_frames", "recognises"]
@@ -69,7 +69,7 @@ def blocks(source: Source) -> Iterator[Frames]:
                         source.told(file.tell())
         except (McapError, struct.error, ValueError, KeyError, TypeError, EOFError, OverflowError) as error:
             if not source.total and not raw:
-                raise UserError(f"{source.path}: {brief(error)}, expected an MCAP file") from None
+                raise no_frame(source.path, "an MCAP file") from None
             source.cut = "the end is missing" if source.total else f"unreadable ({brief(error)})"
     if not ended and not source.cut:
         source.cut = "the end is missing"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from terrapin_tools.errors import UserError
-from terrapin_tools.logs.formats.source import BLOCK, Source, brief
+from terrapin_tools.logs.formats.source import BLOCK, Source
 from terrapin_tools.logs.frames import Frames, frames
 from terrapin_tools.parquet_files import batches, opened
 
@@ -37,5 +37,5 @@ def blocks(source: Source) -> Iterator[Frames]:
                 numbers = [source.bus(str(name)) for name in bus[0]] if bus else [source.bus("")] * len(times)
                 yield frames(source.path, times, identifiers, data, flags, numbers)
                 source.told(source.size * done // max(1, file.metadata.num_rows))
-    except (TypeError, ValueError, OverflowError) as error:
-        raise UserError(f"{source.path}: {brief(error)}, expected a Parquet file of frames") from None
+    except (TypeError, ValueError, OverflowError):
+        raise UserError(f"{source.path}: holds values that are no frame's, expected a Parquet file of frames") from None

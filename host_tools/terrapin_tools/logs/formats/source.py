@@ -10,11 +10,12 @@ from typing import Any
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import ERROR, EXTENDED, FD, REMOTE, SENT, Frames, frames
 
-__all__ = ["BLOCK", "FD_LENGTHS", "SHOWN", "Source", "brief", "message_flags"]
+__all__ = ["BLOCK", "FD_LENGTHS", "SHOWN", "Source", "brief", "message_flags", "no_frame"]
 
 BLOCK = 20_000  # frames: of the slowest reader within half a second (terrapin_tools.bounded)
 MOST_BUSES = 256
 FD_LENGTHS = (*range(9), 12, 16, 20, 24, 32, 48, 64)  # by data length code
+BEGIN = 16  # bytes of a file that is none, as they are shown
 SHOWN = 60  # characters of a line that gave no frame
 
 
@@ -106,6 +107,12 @@ def sound(message: Any) -> bool:
     code = int(message.dlc)
     stated: Iterable[int] = (code, min(8, code), FD_LENGTHS[code] if code < len(FD_LENGTHS) else code)
     return len(message.data) in stated
+
+
+def no_frame(path: Path, expected: str) -> UserError:
+    """A file of whose frames none could be read."""
+    with path.open("rb") as file:
+        return UserError(f"{path}: begins with {file.read(BEGIN)!r}, and gives no frame; expected {expected}")
 
 
 def brief(error: Exception) -> str:
