@@ -185,6 +185,8 @@ def test_a_late_column_is_taken_earlier_within_its_run() -> None:
     values = np.arange(5.0)
     np.testing.assert_array_equal(earlier(values, run, 1), [1.0, 2.0, np.nan, 4.0, np.nan])
     np.testing.assert_array_equal(earlier(values, run, 2), [2.0, np.nan, np.nan, np.nan, np.nan])
+    in_turn = np.array([0, 1, 0, 1, 0])  # rigs that are read together
+    np.testing.assert_array_equal(earlier(values, in_turn, 1), [2.0, 3.0, 4.0, np.nan, np.nan])
     for delay in (4, 5, 9):
         assert np.isnan(earlier(values, run, delay)).all()
     np.testing.assert_array_equal(
@@ -333,6 +335,15 @@ def test_rows_are_read_with_their_runs_and_places(tmp_path: Path) -> None:
     assert (few.sigma, few.units["y"]) == ({"y": 0.5}, "N")
     five = load_case(_case(tmp_path, _rows("b a c d e"), data='run = "run"\n'))
     assert [five.run_names[i] for i in np.unique(five.run[five.test])] == ["e"]
+
+
+def test_rows_of_runs_that_come_in_turn_are_put_together(tmp_path: Path) -> None:
+    """As of rigs that are read together: a delay, a stretch and a drift are within a run."""
+    case = load_case(_case(tmp_path, "run,x,y,q\nb,1,1,5\na,2,2,6\nb,3,3,7\na,4,,8\na,5,5,9\n", data='run = "run"\n'))
+    assert [case.run_names[i] for i in case.run] == ["b", "b", "a", "a"]
+    assert case.channels["y"].tolist() == [1.0, 3.0, 2.0, 5.0]
+    assert case.extra["q"].tolist() == [5.0, 7.0, 6.0, 9.0]
+    assert [case.place(row) for row in range(4)] == [f"runs.csv:{line}" for line in (2, 4, 3, 6)]
 
 
 def test_a_delay_moves_a_column_within_its_runs_and_gaps_leave_rows_out(tmp_path: Path) -> None:

@@ -45,7 +45,8 @@ class OwnParameter:
 
 @dataclass(frozen=True)
 class OwnEffect:
-    """An expression that becomes an effect; or `mend`, which puts a column right: factor, sign_of, delay."""
+    """An expression that becomes an effect; or `mend`, which puts a column right: factor, sign_of, delay; or inputs, as
+    those of equations of the user's own are read between rows."""
 
     expression: str
     target: str | None
@@ -100,8 +101,12 @@ def extended(
 
 
 def _mend(text: str, column: str, mend: Mapping[str, float | str | int]) -> str:
-    """An entry of [data.columns] with factor, sign_of or delay; a factor that stands there is multiplied."""
+    """An entry of [data.columns] with factor, sign_of or delay; a factor that stands there is multiplied. `inputs` goes
+    into [model]."""
     document = tomlkit.parse(text)
+    if "inputs" in mend:
+        document["model"]["inputs"] = mend["inputs"]
+        return tomlkit.dumps(document)
     entry = document["data"]["columns"][column]
     for key, value in mend.items():
         entry[key] = float(f"{entry[key] * value:.9g}") if key == "factor" and key in entry else value

@@ -38,7 +38,7 @@ def read_dynamics(tables: Tables, base: Base, measured: Measurements) -> Dynamic
     between = tables.text("model", "inputs", default=BETWEEN[0])
     if between not in BETWEEN:
         raise tables.complain(f"found {between!r}, expected one of {', '.join(BETWEEN)}", "model", "inputs")
-    return Dynamics(states, derivative, between == "held")
+    return Dynamics(states, derivative, between == "held", between == "held")
 
 
 def _state(tables: Tables, measured: Measurements, name: str) -> State:

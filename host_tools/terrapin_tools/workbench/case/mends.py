@@ -40,9 +40,10 @@ def read_mend(tables: Tables, path: tuple[str, ...]) -> Mend:
 
 def earlier(values: Array, run: Index, delay: int) -> Array:
     """A column that comes `delay` rows late, one or more, in its place; NaN where a run ends before its value came."""
-    moved = np.full(len(values), np.nan)
+    order = np.argsort(run, kind="stable")
+    values, run, moved = values[order], run[order], np.full(len(values), np.nan)
     if delay < len(values):
-        moved[:-delay] = np.where(run[delay:] == run[:-delay], values[delay:], np.nan)
+        moved[order[:-delay]] = np.where(run[delay:] == run[:-delay], values[delay:], np.nan)
     return moved
 
 

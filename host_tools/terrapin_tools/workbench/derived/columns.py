@@ -144,9 +144,10 @@ def _times(tables: Tables, path: Path, table: Table, run: Index) -> tuple[Array,
     window = tables.number("s", *path, "window")
     if not 0 < window < math.inf:
         raise tables.complain(f"found {window:g} s, expected more than 0", *path, "window")
-    back = np.flatnonzero((run[1:] == run[:-1]) & (np.diff(times) <= 0))
+    order = np.argsort(run, kind="stable")
+    back = np.flatnonzero((np.diff(run[order]) == 0) & (np.diff(times[order]) <= 0))
     if back.size:
-        place = table.place(int(back[0]) + 1)
+        place = table.place(int(order[back + 1].min()))
         raise tables.complain(f"{place} is not later than the row before, expected times that rise", *path, "time")
     return times, window, str(tables.get(*path, "window"))
 

@@ -140,10 +140,17 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
         found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]
         found += [(*rest, *names) for names in _unfolded(ranker, centre, member)]
+        found += [(*rest, fault) for fault in _over_time(ranker, centre)]
     if len(centre.effects) < MOST[0]:
         beyond = ranker.beyond(centre.fit)
         found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre.effects, (1, 1), beyond.nothing)]
+        found += [(*centre.effects, fault) for fault in _over_time(ranker, centre)]
     return found
+
+
+def _over_time(ranker: Ranker, centre: Hypothesis) -> list[str]:
+    """Faults of the table that may stand beside a term of the user's own equations: nothing is linear in them."""
+    return [name for name in ranker.faults if ranker.case.dynamics is not None and name not in centre.effects]
 
 
 def _bent_alike(ranker: Ranker, member: str) -> list[str]:

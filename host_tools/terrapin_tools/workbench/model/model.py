@@ -21,7 +21,7 @@ from terrapin_hil.physics.expression import Expression, parse
 from terrapin_tools.workbench.bases.kinds.base import Act, Fitted, Predictor, Problem, Runs
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.model.grouped import Grouped
-from terrapin_tools.workbench.model.table_faults import Fault, read, recorded
+from terrapin_tools.workbench.model.table_faults import Fault, held, read, recorded
 
 __all__ = ["Bound", "Model"]
 
@@ -99,7 +99,7 @@ class Model:
             runs=runs,
             formulas=case.equations,
             scales=case.scales,
-            dynamics=case.dynamics,
+            dynamics=held(case.dynamics, wrong),
         )
         apart = any(one.by for one in self.fitted)
         predictor = Grouped(case.base, problem, case.groups) if apart else case.base.predictor(problem)

@@ -15,12 +15,13 @@ import numpy as np
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.bases.kinds.base import Dynamics
 from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.case.intake import BOTH_WAYS
 from terrapin_tools.workbench.files.units import same_kind
 
-__all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "faults_over_time", "read", "recorded"]
+__all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "faults_over_time", "held", "read", "recorded"]
 
 ANGLES = ("rad", "rad/s", "rad/s^2", "")  # units of a role or channel; "" : none is stated
 FORCES = ("N", "N m", "Pa", "")
@@ -53,7 +54,8 @@ class Fault(Effect):
     """An effect without parameters that stands for a change of the column `column` (a role's or a channel's name).
 
     `factor`: what its numbers have to be multiplied by. `sign_of`: role or channel whose sign they lack. `late`: rows
-    by which they come after the others of their run. `cost`: log evidence that it takes to be told: a sign that is read
+    by which they come after the others of their run. `held`: inputs of the user's own equations, of which `column` is
+    the first, keep each value until the next row. `cost`: log evidence that it takes to be told: a sign that is read
     off what is predicted is fitted, once for each stretch in which it stays; and some factors are rare.
     """
 
@@ -61,6 +63,7 @@ class Fault(Effect):
     factor: float = 1.0
     sign_of: str = ""
     late: int = 0
+    held: bool = False
     cost: float = 0.0
 
     @property
@@ -73,6 +76,8 @@ class Fault(Effect):
             found["sign_of"] = self.sign_of
         if self.late:
             found["delay"] = self.late
+        if self.held:
+            found["inputs"] = "held"
         return found
 
 
@@ -115,7 +120,17 @@ def faults_over_time(case: Case, misfit: Callable[[Fault | None], float]) -> lis
         left = [misfit(fault) for fault in usual]
         if min(left) < 0.5 * misfit(None):
             found.append(replace(usual[int(np.argmin(left))], cost=float(np.log(len(usual)))))
-    return found
+    return found + _held(case)
+
+
+def _held(case: Case) -> list[Fault]:
+    """Inputs of the user's own equations that may keep each value until the next row, as what a controller sends."""
+    if case.dynamics is None or case.dynamics.held:
+        return []
+    names = set().union(*(one.names for one in (*case.dynamics.derivative.values(), *case.equations.values())))
+    driven = [n for n, v in case.roles.items() if n != "time" and formula_name(n) in names and _varies(v, case.run)]
+    several = "and the other inputs keep their values" if len(driven) > 1 else "keeps its value"
+    return [_fault(case, driven[0], "held", f"{several} until the next row", held=True)] if driven else []
 
 
 def at_fault(effect: str) -> bool:
@@ -131,7 +146,8 @@ def fault_of(case: Case, name: str, mend: Mapping[str, float | str | int]) -> Fa
     """The fault of that name which is put right by `mend`."""
     column, kind = name.removeprefix(TABLE).rsplit(".", 1)
     factor, late = float(mend.get("factor", 1.0)), int(mend.get("delay", 0))
-    return _fault(case, column, kind, "is wrong", factor=factor, sign_of=str(mend.get("sign_of", "")), late=late)
+    sign_of, held = str(mend.get("sign_of", "")), mend.get("inputs") == "held"
+    return _fault(case, column, kind, "is wrong", factor=factor, sign_of=sign_of, late=late, held=held)
 
 
 def _scaled(about: str, factor: float, listed: float) -> str:
@@ -186,6 +202,11 @@ def read(found: Sequence[Fault], inputs: Mapping[str, Array], case: Case) -> dic
             values = np.abs(values) * np.sign(_measured(case, fault.sign_of))
         changed[name] = fault.factor * (values[_shifted(case.run, -fault.late)] if fault.late else values)
     return changed
+
+
+def held(dynamics: Dynamics | None, found: Sequence[Fault]) -> Dynamics | None:
+    """The equations as the inputs drive them, with faults."""
+    return replace(dynamics, held=True) if dynamics is not None and any(one.held for one in found) else dynamics
 
 
 def recorded(

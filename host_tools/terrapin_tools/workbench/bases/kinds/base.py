@@ -93,13 +93,15 @@ class State:
 
 @dataclass(frozen=True)
 class Dynamics:
-    """Differential equations of the user's own. `held`: inputs keep their value until the next row. `starts` keeps what
-    was found of fitted starts, by equations with parameters and by rows, for whoever solves the same again; `effort`
-    the steps a second that the first solution took."""
+    """Differential equations of the user's own. `held`: inputs keep their value until the next row; `stated_held`: so
+    says the case, and no fault of the table. `starts` keeps what was found of fitted starts, by equations with
+    parameters and by rows, for whoever solves the same again; `effort` the steps a second that the first solution took.
+    """
 
     states: Mapping[str, State]
     derivative: Mapping[str, Expression]
     held: bool
+    stated_held: bool
     starts: dict[tuple[int, bytes], dict[int, Array]] = field(default_factory=dict, compare=False, repr=False)
     effort: list[float] = field(default_factory=list, compare=False, repr=False)
 

@@ -33,6 +33,7 @@ ENOUGH = 1e-6  # of the sum of squares: a start that gains less is found, but fo
 REMEMBERED = 200  # sets of parameters whose starts are kept
 SAMPLES = 200  # of a proposed setting
 EASY, STIFFER = 30, 4  # steps a row that a solution may always take, and times those of the first solution
+JUMP = 0.1  # of its largest step: more an input does where it jumps, ten times what it does in the rows beside that
 STRETCH = (25, 400)  # rows of a stretch: fewer tell little beside its start, in more a lacking term leads far away
 
 
@@ -78,7 +79,9 @@ class Stretches(Predictor):
         added = [parse(effect.expression) for effect in problem.effects]
         used = set().union(*(formula.names for formula in (*formulas, *added)))
         own = {f"{effect.name}.{p.name}" for effect in problem.effects for p in effect.parameters}
+        stated = set().union(*(formula.names for formula in formulas))
         self.inputs = [n for n in problem.inputs if n in used and n not in names and n != "time"]
+        self.drives = [n for n in self.inputs if n in stated]  # of the case's own equations, whatever an effect reads
         listed = ["time", *names, *self.inputs, *(n for n in problem.constants if n not in self.inputs)]
         listed += [f.key for f in problem.fitted if f.effect is None or f.key in own]
         self.slots = {name: slot for slot, name in enumerate(listed)}
@@ -150,9 +153,11 @@ class Stretches(Predictor):
         for run in np.unique(runs.index[wanted]):
             mine = np.flatnonzero(runs.index == run)
             _check_times(runs, mine, time[mine])
-            count = max(1, round(len(mine) / max(min(longest, len(mine) // PARTS), STRETCH[0])))
-            parts += np.array_split(mine, count)
-            first += [True] + [False] * (count - 1)
+            begun = len(parts)
+            for piece in np.split(mine, self._jumps(mine)):
+                count = max(1, round(len(piece) / max(min(longest, len(mine) // PARTS), STRETCH[0])))
+                parts += np.array_split(piece, count)
+            first += [True] + [False] * (len(parts) - begun - 1)
         every = np.concatenate(parts)
         begin = np.cumsum([0, *map(len, parts)])
         place = np.full(len(runs.index), -1)
@@ -167,6 +172,24 @@ class Stretches(Predictor):
         names = [runs.names[runs.index[part[0]]] for part in parts]
         at = [int(part[0]) for part in parts]
         return _Layout(drive, measured, guess, np.isnan(known), names, at, samples, place[every[samples]])
+
+    def _jumps(self, rows: Index) -> list[int]:
+        """Places in the rows of a run at which an input has jumped since the row before: when it did nobody knows, so
+        no stretch goes over it, where two rows are left for each start that is fitted."""
+        if self.dynamics.stated_held:
+            return []
+        known = all(state.initial is not None for state in self.dynamics.states.values())
+        found: list[int] = []
+        for name in self.drives:
+            steps = np.abs(np.diff(self.problem.inputs[name][rows]))
+            around = np.maximum(np.append(steps[1:], 0.0), np.insert(steps[:-1], 0, 0.0))
+            found += (np.flatnonzero((steps > JUMP * steps.max(initial=0.0)) & (around < JUMP * steps)) + 1).tolist()
+        kept, least = [0], 2 * len(self.dynamics.states)
+        for place in sorted(set(found)):
+            enough = place - kept[-1] >= least or (known and len(kept) == 1)
+            if enough and len(rows) - place >= least:
+                kept.append(place)
+        return kept[1:]
 
     def _known(self, state: str, rows: Index) -> float:
         initial = self.dynamics.states[state].initial

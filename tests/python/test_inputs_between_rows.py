@@ -1,0 +1,99 @@
+"""Equations of the user's own whose input is not linear between rows: held by a controller, or jumping at any time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from terrapin_hil.arrays import Array
+from terrapin_tools.workbench.bases.kinds.equations_of_motion import Stretches
+from terrapin_tools.workbench.case.case import Case, load_case
+from terrapin_tools.workbench.case.changes import OwnEffect, extended
+from terrapin_tools.workbench.compare.comparison import analyse
+from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.model.table_faults import Fault, faults_over_time
+from tests.python.test_ode import TEXT
+
+ROWS, FINE, STEP = 150, 40, 0.05
+
+
+def record(folder: Path, forces: Array, cubic: float = 0.0, text: str = TEXT) -> Case:
+    """The spring of test_ode driven by `forces` (runs, ROWS * FINE), each constant for a step of STEP / FINE, by the
+    classical method of Runge and Kutta: no part of the project. A row has the force as it is right then; the rows of
+    the runs come in turn, as of rigs that are read together."""
+    random, step = np.random.default_rng(5), STEP / FINE
+
+    def rate(state: Array, force: Array) -> Array:
+        x, v = state
+        return np.array([v, (force - 0.5 * v - 8.0 * x - cubic * x**3) / 1.3])
+
+    state, lines = random.uniform(-0.5, 0.5, (2, len(forces))), ["run,t,f,x,first"]
+    first = state[0].copy()
+    for i, force in enumerate(forces.T):
+        if i % FINE == 0:
+            shown = 1000.0 * state[0] + 5.0 * random.standard_normal(len(forces))
+            lines += [
+                f"r{run},{1000 * step * i:.9g},{force[run]:.9g},{x:.9g},{first[run]:.9g}" for run, x in enumerate(shown)
+            ]
+        slopes = [rate(state, force)]
+        for share in (0.5, 0.5, 1.0):
+            slopes.append(rate(state + share * step * slopes[-1], force))
+        state = state + step / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+    folder.mkdir(parents=True)
+    (folder / "runs.csv").write_text("\n".join(lines) + "\n")
+    (folder / "case.toml").write_text(text)
+    return load_case(folder)
+
+
+def held() -> Array:
+    """Another force each row, as a digital controller sends it."""
+    return np.repeat(np.random.default_rng(3).uniform(-5.0, 5.0, (4, ROWS)), FINE, axis=1)
+
+
+def jumping() -> Array:
+    """A force that jumps to the other side about every second, between two rows."""
+    random, found = np.random.default_rng(4), np.zeros((4, ROWS * FINE))
+    for run in found:
+        side = 1.0
+        for at in np.cumsum(random.integers(8 * FINE, 32 * FINE, 40)):
+            run[at:] = side * random.uniform(2.0, 5.0)
+            side = -side
+    return found
+
+
+def test_an_input_that_a_controller_holds_is_told_as_such(tmp_path: Path) -> None:
+    """Beside the law that is missing, and not as a term of the model (k*v in position). Put right, it is no fault."""
+    case = record(tmp_path / "case", held(), 12.0)
+    found = discover(case)
+    assert found.verdict == "missing"
+    effects = {one.effect.name: one.effect for one in found.candidates}
+    said = {name if isinstance(effects[name], Fault) else effects[name].expression for name in found.missing}
+    assert said == {"table.force.held", "k_*x**3"}
+    fault = effects["table.force.held"]
+    assert isinstance(fault, Fault)
+    right = extended(case.text, case.stated, [fault.name], {fault.name: OwnEffect("", None, {}, fault.mend)})
+    assert 'inputs = "held"' in right
+    assert not [one for one in faults_over_time(case.changed(right), lambda fault: 1.0) if one.held]
+
+
+def test_no_stretch_goes_over_a_jump(tmp_path: Path) -> None:
+    """When an input jumped between two rows nobody knows: no term is told for what that misses. Where the case says
+    that inputs are held, it is known."""
+    case = record(tmp_path / "case", jumping())
+    assert not analyse(case).missing
+    unknown = _stretches(case)
+    force = case.inputs["force"]
+    jumps = {*(np.flatnonzero((np.abs(np.diff(force)) > 1.0) & (np.diff(case.run) == 0)) + 1).tolist()}
+    assert len(jumps) > 20
+    ends = {*np.flatnonzero(np.diff(case.run, append=-1)).tolist()}  # of a run's last rows no start could be fitted
+    assert {at for at in jumps if ends.isdisjoint(range(at, at + 3))} <= {*unknown.layout.first}
+    known = _stretches(case.changed(case.text.replace('base = "ode"', 'base = "ode"\ninputs = "held"')))
+    assert len(jumps & {*known.layout.first}) < 5
+
+
+def _stretches(case: Case) -> Stretches:
+    found = Model.of(case).bind(case.inputs).predict.__self__  # type: ignore[attr-defined]  # whose method it is
+    assert isinstance(found, Stretches)
+    return found
