@@ -221,7 +221,10 @@ def test_noise_that_was_stated_too_small_is_not_missing(too_small: float, verdic
     case = made("rolling_steady", ("viscous_friction",), 14, 0.0, 8.0, seed=3).case
     found = discover(replace(case, sigma={"current": (case.sigma["current"] or 0.0) / too_small}))
     assert (found.verdict, found.missing) == (verdict, ("viscous_friction",))
-    assert "times what is stated" in tell(told(found.analysis, found))
+    text = " ".join(tell(told(found.analysis, found)).split())
+    assert "times what is stated" in text
+    assert ("That nothing else is missing has probability 0.30." in text) == (verdict == "partial")
+    assert "more is missing" not in text
 
 
 def test_names_a_single_bad_run() -> None:

@@ -39,7 +39,7 @@ TENTH = 0.1  # share of the misfit that a further effect must bring beside a cur
 HALF = 0.5  # of the held-out error that a known set leaves at most, to be told where a curve is likelier
 SMALL = 1e-2  # of the likeliest set's probability, below which a set joins no other, for time
 QUESTION = 1e-6  # probability below which something is out of the question, and not listed
-# Of "nothing is missing" at most where far more than the stated noise is left, or where noise is found to grow with the
+# Of "nothing (else) is missing" at most where far more than the stated noise is left, or where noise is found to grow with the
 # reading, as a misfit that is a share of it looks.
 STRANGE, GROWING = 0.3, 0.8
 
@@ -198,21 +198,22 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
         return Decision("partial", calibrated(first.partly, "partial"), (worth,), top.column, classes=tuple(every))
     told = tuple(_told(ranking, every, sets))
     assert told[0][0].fit is not None
-    leaves = left(analysis, told[0][0].fit)
+    leaves, far = left(analysis, told[0][0].fit), False
     if leaves.clearly(level):
-        leaves = left(_as_found(analysis, told[0][0].fit), told[0][0].fit)
-    if leaves.clearly(level):  # what is left is no curve of one column, and no noise
-        probability = calibrated(1.0 - leaves.p_value, "unexplained")
+        found = _as_found(analysis, told[0][0].fit)
+        leaves, far = left(found, told[0][0].fit), bool(found.noise.ratio.max() > FAR)
+    if leaves.clearly(level) or far:  # what is left is no curve of one column, and no noise that a user may state so
+        probability = calibrated(1.0 - leaves.p_value, "unexplained") if leaves.clearly(level) else 1.0 - STRANGE
         return Decision("partial", probability, (told[0][0],), classes=tuple(every))
     verdict = "ambiguous" if len(told) > 1 else "missing"
     return Decision(verdict, calibrated(told[0][1], verdict), tuple(h for h, _ in told), classes=tuple(every))
 
 
 def _as_found(analysis: Analysis, answer: Fit) -> Analysis:
-    """In the noise that is found around an answer, where a stated sd surely is off by no more than a user may be wrong:
-    noise that was stated too small is no part of what is missing."""
+    """In the noise that is found around an answer, where a stated sd surely is off: noise that was stated too small is no
+    part of what is missing."""
     noise = noise_around(analysis.case, answer, analysis.noise, again=True)
-    return replace(analysis, noise=noise) if noise.wrong.any() and noise.ratio.max() <= FAR else analysis
+    return replace(analysis, noise=noise) if noise.wrong.any() else analysis
 
 
 def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:

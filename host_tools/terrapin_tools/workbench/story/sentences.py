@@ -279,6 +279,14 @@ def _partial(found: Findings, part: Part, missing: str) -> str:
         more = f"With probability {chance(found.probability)} more is missing, which no formula here takes away."
     many = len(found.missing)
     terms = f"{number(many)} terms take" if many > 1 else "it takes"
+    if not found.unknown and part.left <= NEAR_FLOOR and found.noise.strange:
+        larger = [one for one in found.noise.findings if one.kind == "larger" and one.channel in found.noise.strange]
+        stated = _joined([f"{number(one.value, 3)} times the stated noise of {one.channel}" for one in larger])
+        return (
+            f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit. What is left depends on nothing that was "
+            f"looked at, but is {stated}: that sd is wrong, or something is missing that shows in all rows alike. That "
+            f"nothing else is missing has probability {chance(1.0 - found.probability)}."
+        )
     at = f"{part.at.variable} {span(part.at.low, part.at.high)}"
     return (
         f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; {in_sd(part.left)} noise sd are left in all, "
