@@ -30,6 +30,7 @@ ACTS = {  # of an equation's first, where a name is of both
     "offset": ["is added to the measured channel"],
     "sensor_lag": ["sends the channel through a low-pass of first order with it as the time constant"],
     "backlash": ["is added to channel", "lets the encoder follow through a gap of it [rad]"],
+    "input_delay": ["lets the inputs act later by it [s]"],
     "sensor_delay": ["makes every channel late by it [s]"],
     "encoder_misalignment": ["is the error [rad] of the angle that the encoder measures"],
     "split_ground": ["is added to encoder"],

@@ -26,6 +26,7 @@ SHIPPED = {
     *("load_transfer", "relaxation_length", "tyre_flexibility", "torque_ripple", "winding_temperature"),
     *("sensor_delay", "encoder_misalignment", "backlash", "gear_efficiency", "gear_behind_friction"),
     *("bulldozing_at_axle", "slip_sinkage_at_axle", "rut", "rut_at_axle", "swing_friction", "split_ground"),
+    "input_delay",
 }
 STEADY = ("rolling_steady", "sphere_contact", "wheel_contact")  # models whose rows do not depend on each other
 # effect -> the first of these models that it can be added to
@@ -163,7 +164,7 @@ def test_units_agree(effect: object) -> None:
         wanted = "1"
     if effect.additive:
         wanted = {"recovery": "1", "k_s": "Pa", **BASES[effect.bases[0]].units}[effect.target]
-    wanted = {"delay": "s", "play": "rad", "angle": "rad"}.get(effect.transform, wanted)
+    wanted = {"delay": "s", "inputs": "s", "play": "rad", "angle": "rad"}.get(effect.transform, wanted)
     registry = units()
     assert found.dimensionality == registry.parse_units("dimensionless" if wanted == "1" else wanted).dimensionality
 

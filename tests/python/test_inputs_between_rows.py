@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.bases.kinds.equations_of_motion import Stretches
@@ -19,10 +20,10 @@ from tests.python.test_ode import TEXT
 ROWS, FINE, STEP = 150, 40, 0.05
 
 
-def record(folder: Path, forces: Array, cubic: float = 0.0, text: str = TEXT) -> Case:
+def record(folder: Path, forces: Array, cubic: float = 0.0, recorded: Array | None = None) -> Case:
     """The spring of test_ode driven by `forces` (runs, ROWS * FINE), each constant for a step of STEP / FINE, by the
     classical method of Runge and Kutta: no part of the project. A row has the force as it is right then; the rows of
-    the runs come in turn, as of rigs that are read together."""
+    the runs come in turn, as of rigs that are read together. `recorded`: what is told of the forces instead."""
     random, step = np.random.default_rng(5), STEP / FINE
 
     def rate(state: Array, force: Array) -> Array:
@@ -31,11 +32,13 @@ def record(folder: Path, forces: Array, cubic: float = 0.0, text: str = TEXT) ->
 
     state, lines = random.uniform(-0.5, 0.5, (2, len(forces))), ["run,t,f,x,first"]
     first = state[0].copy()
+    told = forces if recorded is None else recorded
     for i, force in enumerate(forces.T):
         if i % FINE == 0:
             shown = 1000.0 * state[0] + 5.0 * random.standard_normal(len(forces))
             lines += [
-                f"r{run},{1000 * step * i:.9g},{force[run]:.9g},{x:.9g},{first[run]:.9g}" for run, x in enumerate(shown)
+                f"r{run},{1000 * step * i:.9g},{told[run, i]:.9g},{x:.9g},{first[run]:.9g}"
+                for run, x in enumerate(shown)
             ]
         slopes = [rate(state, force)]
         for share in (0.5, 0.5, 1.0):
@@ -43,7 +46,7 @@ def record(folder: Path, forces: Array, cubic: float = 0.0, text: str = TEXT) ->
         state = state + step / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
     folder.mkdir(parents=True)
     (folder / "runs.csv").write_text("\n".join(lines) + "\n")
-    (folder / "case.toml").write_text(text)
+    (folder / "case.toml").write_text(TEXT)
     return load_case(folder)
 
 
@@ -67,8 +70,8 @@ def test_an_input_that_a_controller_holds_is_told_as_such(tmp_path: Path) -> Non
     """Beside the law that is missing, and not as a term of the model (k*v in position). Put right, it is no fault."""
     case = record(tmp_path / "case", held(), 12.0)
     found = discover(case)
-    assert found.verdict == "missing"
     effects = {one.effect.name: one.effect for one in found.candidates}
+    assert all("table.force.held" in one for one in found.rivals)  # whatever law of x stands beside it
     said = {name if isinstance(effects[name], Fault) else effects[name].expression for name in found.missing}
     assert said == {"table.force.held", "k_*x**3"}
     fault = effects["table.force.held"]
@@ -76,6 +79,41 @@ def test_an_input_that_a_controller_holds_is_told_as_such(tmp_path: Path) -> Non
     right = extended(case.text, case.stated, [fault.name], {fault.name: OwnEffect("", None, {}, fault.mend)})
     assert 'inputs = "held"' in right
     assert not [one for one in faults_over_time(case.changed(right), lambda fault: 1.0) if one.held]
+
+
+def smooth(late: float) -> Array:
+    """A force of two waves, which acts `late` [s] after what is recorded of it."""
+    time = np.arange(ROWS * FINE) * STEP / FINE - late
+    return np.array([3.0 * np.sin(1.1 * time + run) + 1.5 * np.sin(2.7 * time) for run in range(4)])
+
+
+@pytest.mark.parametrize("late", [-0.07])
+def test_an_input_by_another_clock_is_told_as_such(tmp_path: Path, late: float) -> None:
+    """Beside the law that is missing. It was 'k*x**3 + k*force in derivative.x, and m would be 1.6 kg' at 0.99."""
+    case = record(tmp_path / "case", smooth(late), 12.0, recorded=smooth(0.0))
+    found = discover(case)
+    assert found.verdict == "missing"
+    effects = {one.effect.name: one.effect.expression for one in found.candidates}
+    assert {effects[name] for name in found.missing} == {"delay", "k_*x**3"}
+    answer = next(h.fit for h in found.ranking.hypotheses if h.effects == found.missing)
+    assert answer is not None
+    place = [one.key for one in answer.model.fitted].index("input_delay.delay")
+    assert abs(answer.theta[place] - late) < 0.02
+
+
+@pytest.mark.parametrize("between", ["linear", "held"])
+def test_the_derivative_by_a_delay_is_that_of_the_prediction(tmp_path: Path, between: str) -> None:
+    case = record(tmp_path / "case", smooth(0.1), recorded=smooth(0.0))
+    case = case.changed(case.text.replace('base = "ode"', f'base = "ode"\ninputs = "{between}"'))
+    bound = Model.of(case, ["input_delay"]).bind(case.inputs)
+    theta = np.array([0.5, 8.0, 0.08])
+    slopes = bound.jacobian(theta)[1][..., 2]
+    step = np.array([0.0, 0.0, 1e-3])
+    differences = (bound.predict(theta + step) - bound.predict(theta - step)) / 2e-3
+    np.testing.assert_allclose(slopes, differences, atol=0.02 * np.abs(differences).max())
+    proposed = {name: values[:3] for name, values in case.inputs.items()}
+    steady = Model.of(case, ["input_delay"]).bind(proposed)
+    np.testing.assert_array_equal(steady.predict(theta), steady.predict(theta * [1.0, 1.0, 0.0]))
 
 
 def test_no_stretch_goes_over_a_jump(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from terrapin_tools.workbench.story import answer, page, sentences, terminal
 from terrapin_tools.workbench.story.explain import explain
 from terrapin_tools.workbench.story.plot_data import page_data
 from terrapin_tools.workbench.story.sentences import amount
-from terrapin_tools.workbench.story.story import Findings, Part, Place, Rung, Story, Value
+from terrapin_tools.workbench.story.story import Findings, Part, Place, Proposal, Rung, Story, Value
 from terrapin_tools.workbench.story.terminal import tell, tell_shortly
 from terrapin_tools.workbench.story.told import found_by, told
 
@@ -226,6 +226,25 @@ def check(chip: str, example: Example, said: str) -> None:
 @pytest.mark.parametrize("verdict", CHIPS)
 def test_every_teller_says_the_same(examples: dict[str, Example], verdict: str, teller: str) -> None:
     check(CHIPS[verdict], examples[verdict], TELLERS[teller](examples[verdict]))
+
+
+def test_a_constant_beside_an_effect_has_one_value_everywhere(examples: dict[str, Example]) -> None:
+    """That of both together: the headline had the one that the constant has alone."""
+    example = examples["missing"]
+    assert example.story.found is not None
+    alone = Proposal(
+        "constant.radius", "constant", "relative_error", "radius", 0.9, {}, 1.5, {"value": Value(0.1, 0.01, "m")}, 0.3
+    )
+    found = replace(
+        example.story.found,
+        missing=(*example.story.found.missing, alone.effect),
+        candidates=(*(one for one in example.story.found.candidates if one.effect != alone.effect), alone),
+        together={**example.story.found.together, alone.effect: {"value": Value(0.08, 0.001, "m")}},
+    )
+    story = told(example.analysis, found)
+    assert "(radius would be 0.08 m)" in story.headline
+    (card,) = [one for one in story.cards if one.proposal.effect == alone.effect]
+    assert (card.title, card.values["value"].value) == ("radius would be 0.08 m", 0.08)
 
 
 @pytest.mark.parametrize("verdict", CHIPS)

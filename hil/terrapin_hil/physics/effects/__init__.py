@@ -72,9 +72,10 @@ class Effect:
     channels: tuple[str, ...] = ("",)  # units of the channels that it may act on (physics/mechanics)
     on: Mapping[str, str] = field(default_factory=dict)  # base model -> target there, where it is another
     # dynamic models: the target as measured is late by the expression ("delay" [s]), follows it through a gap ("play"
-    # [rad]), or errs by it in the angle that is measured ("angle" [rad]); equation: the expression may name `played`,
-    # the position through a gap w ("play"), or `rate`, the derivative of the speed by time ("rate"), or is the time
-    # constant of a low-pass that the channel as measured has gone through ("lag", which is its stage, too)
+    # [rad]), or errs by it in the angle that is measured ("angle" [rad]); equations of the user's own: the inputs act
+    # later by it ("inputs" [s]); equation: the expression may name `played`, the position through a gap w ("play"), or
+    # `rate`, the derivative of the speed by time ("rate"), or is the time constant of a low-pass that the channel as
+    # measured has gone through ("lag", which is its stage, too)
     transform: str = ""
     sensor: Mapping[str, str] = field(default_factory=dict)  # in the plant: CHANNEL.SETTING of sensors -> own parameter
     where: str = "robot"  # in the plant: a torque inside the robot (on alpha), or "ground": on the shell, part of C_t

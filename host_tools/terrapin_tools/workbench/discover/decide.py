@@ -39,8 +39,8 @@ TENTH = 0.1  # share of the misfit that a further effect must bring beside a cur
 HALF = 0.5  # of the held-out error that a known set leaves at most, to be told where a curve is likelier
 SMALL = 1e-2  # of the likeliest set's probability, below which a set joins no other, for time
 QUESTION = 1e-6  # probability below which something is out of the question, and not listed
-# Of "nothing (else) is missing" at most where far more than the stated noise is left, or where noise is found to grow with the
-# reading, as a misfit that is a share of it looks.
+# Of "nothing (else) is missing" at most where far more than the stated noise is left, or where noise is found to grow
+# with the reading, as a misfit that is a share of it looks.
 STRANGE, GROWING = 0.3, 0.8
 
 
@@ -210,8 +210,8 @@ def decide(analysis: Analysis, ranking: Ranking, level: float) -> Decision:
 
 
 def _as_found(analysis: Analysis, answer: Fit) -> Analysis:
-    """In the noise that is found around an answer, where a stated sd surely is off: noise that was stated too small is no
-    part of what is missing."""
+    """In the noise that is found around an answer, where a stated sd surely is off: noise that was stated too small is
+    no part of what is missing."""
     noise = noise_around(analysis.case, answer, analysis.noise, again=True)
     return replace(analysis, noise=noise) if noise.wrong.any() else analysis
 

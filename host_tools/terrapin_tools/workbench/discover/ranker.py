@@ -69,7 +69,9 @@ class Ranker:
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
-        self.suspects = {name: effect for name, effect in self.effects.items() if name.startswith(ZERO)}
+        # a zero point or a delay of the inputs is a matter of instruments, as likely as a constant that is off
+        instruments = (one for one in self.effects.values() if one.name.startswith(ZERO) or one.transform == "inputs")
+        self.suspects = {effect.name: effect for effect in instruments}
         self.catalogue = len(self.effects) - len(self.suspects)
         self.suspects |= {effect.name: effect for effect in constants(self.model)}
         self.effects |= self.suspects

@@ -112,25 +112,27 @@ def _scales(case: Case, name: str) -> list[Fault]:
 
 
 def faults_over_time(case: Case, misfit: Callable[[Fault | None], float]) -> list[Fault]:
-    """Scales of the channels of a model that integrates over a run, where each refit takes long: of each channel the
-    one that takes most of the misfit, if it halves it. `misfit`: with a fault and the parameters as stated."""
-    found = []
-    for name in case.channels:
+    """Scales of the channels of a model that integrates over a run, where each refit takes long, and of the inputs of
+    the user's own equations: of each column the one that takes most of the misfit, if it halves it. `misfit`: with a
+    fault and the parameters as stated."""
+    found, driven = [], _driven(case)
+    for name in (*case.channels, *driven):
         usual = [fault for fault in _scales(case, name) if not fault.cost]
         left = [misfit(fault) for fault in usual]
         if min(left) < 0.5 * misfit(None):
             found.append(replace(usual[int(np.argmin(left))], cost=float(np.log(len(usual)))))
-    return found + _held(case)
+    if driven and case.dynamics is not None and not case.dynamics.held:
+        several = "and the other inputs keep their values" if len(driven) > 1 else "keeps its value"
+        found.append(_fault(case, driven[0], "held", f"{several} until the next row", held=True))
+    return found
 
 
-def _held(case: Case) -> list[Fault]:
-    """Inputs of the user's own equations that may keep each value until the next row, as what a controller sends."""
-    if case.dynamics is None or case.dynamics.held:
+def _driven(case: Case) -> list[str]:
+    """Inputs that drive the user's own equations: they vary within a run."""
+    if case.dynamics is None:
         return []
     names = set().union(*(one.names for one in (*case.dynamics.derivative.values(), *case.equations.values())))
-    driven = [n for n, v in case.roles.items() if n != "time" and formula_name(n) in names and _varies(v, case.run)]
-    several = "and the other inputs keep their values" if len(driven) > 1 else "keeps its value"
-    return [_fault(case, driven[0], "held", f"{several} until the next row", held=True)] if driven else []
+    return [n for n, v in case.roles.items() if n != "time" and formula_name(n) in names and _varies(v, case.run)]
 
 
 def at_fault(effect: str) -> bool:

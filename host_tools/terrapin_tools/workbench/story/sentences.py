@@ -265,7 +265,7 @@ def _lacking(found: Findings, sure: str, missing: str) -> str:
         fall = f": {how} the held-out error falls from {in_sd(before)} to {in_sd(after)} noise sd"
     if not faults:
         return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
-    what = "; ".join(title(one, "") for one in faults)
+    what = "; ".join(title(one, "", found.together.get(one.effect, one.parameters)) for one in faults)
     lacks = _joined(spelt(found, [name for name in found.missing if name not in {one.effect for one in faults}]))
     beside = f"the model lacks {lacks} and the case" if lacks else "nothing is missing, but the case"
     return f"With probability {sure} {beside} has a fault ({what}){fall}."
@@ -558,10 +558,11 @@ def unchecked(effect: str, bare: Sequence[str]) -> str:
     return f"The units of {effect} are not checked: {', '.join(bare)} {has} none."
 
 
-def title(one: Proposal, known: str) -> str:
-    """What a candidate is, in a few words; `known`: as the catalogue has it."""
-    if one.kind == "constant" and "value" in one.parameters:
-        value = one.parameters["value"]
+def title(one: Proposal, known: str, values: Mapping[str, Value]) -> str:
+    """What a candidate is, in a few words; `known`: as the catalogue has it; `values`: as it is told, alone or with the
+    others that are named."""
+    if one.kind == "constant" and "value" in values:
+        value = values["value"]
         return f"{one.effect.partition('.')[2]} would be {number(value.value)}{behind(value.unit)}"
     if one.kind == "table":
         mend = f" (factor {number(one.parameters['factor'].value)})" if "factor" in one.parameters else ""

@@ -342,7 +342,7 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
     named = list(dict.fromkeys(name for effects in (found.missing, *found.rivals) for name in effects))
     cards = []
     for one in sorted(found.candidates, key=lambda c: named.index(c.effect) if c.effect in named else len(named)):
-        effect = case.library.get(one.effect)
+        effect, values = case.library.get(one.effect), found.together.get(one.effect, one.parameters)
         own = one.kind == "expression" or (effect is None and one.mend is None)
         reason = sentences.reason(found, one, _why_not(analysis, found, effect))
         if one.effect not in found.missing and (large := _too_large(analysis, found, one)):
@@ -350,13 +350,13 @@ def _cards(analysis: Analysis, found: Findings) -> list[Card]:
         cards.append(
             Card(
                 proposal=one,
-                title=sentences.title(one, effect.title if effect else ""),
+                title=sentences.title(one, effect.title if effect else "", values),
                 named=one.effect in named,
                 latex=_latex(one, effect),
                 acts=sentences.acts(one.target, {**case.base.channels, **case.base.forces}) if own else "",
                 source=effect.source if effect else "",
                 reason=reason,
-                values=found.together.get(one.effect, one.parameters),
+                values=values,
             )
         )
     return cards

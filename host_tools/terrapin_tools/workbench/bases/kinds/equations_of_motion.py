@@ -9,7 +9,8 @@ Pereyra, SIAM J. Numer. Anal. 10, 1973, 413-432), so a fit sees the parameters a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -33,17 +34,20 @@ ENOUGH = 1e-6  # of the sum of squares: a start that gains less is found, but fo
 REMEMBERED = 200  # sets of parameters whose starts are kept
 SAMPLES = 200  # of a proposed setting
 EASY, STIFFER = 30, 4  # steps a row that a solution may always take, and times those of the first solution
+DELAYED = 1e-2  # of a row: the step of a derivative by a delay
 JUMP = 0.1  # of its largest step: more an input does where it jumps, ten times what it does in the rows beside that
 STRETCH = (25, 400)  # rows of a stretch: fewer tell little beside its start, in more a lacking term leads far away
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Samples in stretches: what drives them, what was measured (samples, channels), a first guess of the states where
-    each stretch begins (stretches, states), which of these are fitted, the names of the runs, the first row of each
-    stretch, and which of the samples are wanted, at which of the rows."""
+    """Samples in stretches: what drives them, where each run begins among them and the last one ends, what was
+    measured (samples, channels), a first guess of the states where each stretch begins (stretches, states), which of
+    these are fitted, the names of the runs, the first row of each stretch, and which of the samples are wanted, at
+    which of the rows."""
 
     drive: OdeDrive
+    runs: list[int]
     measured: Array
     guess: Array
     free: Mask
@@ -111,6 +115,9 @@ class Stretches(Predictor):
         wanted = np.zeros((count, 1, 1))  # rows that are left out (a sensor that stuck) tell nothing of a start
         wanted[self.layout.samples] = 1.0
         self.weights = self.weight[:, None] * wanted  # of each sample (samples, channels, 1)
+        late = {effect.name for effect in problem.effects if effect.transform == "inputs"}
+        self.delays = [i for i, f in enumerate(problem.fitted) if f.effect in late]  # of the inputs, among the fitted
+        self.drive = self.layout.drive  # as the inputs act
         self.solved: _Solved | None = None  # as last found
         codes = (tuple(map(tuple, derivatives)), tuple(map(tuple, channels)))
         self.equations = hash((codes, self.table.tobytes(), self.places.tobytes()))
@@ -165,13 +172,14 @@ class Stretches(Predictor):
         samples = np.flatnonzero(place[every] >= 0)
         measured = np.column_stack([runs.measured[c][every] for c in problem.channels])
         states = self.dynamics.states
-        begins = zip(parts, first, strict=True)
-        known = np.array([[self._known(n, part) if at_first else np.nan for n in states] for part, at_first in begins])
+        each = zip(parts, first, strict=True)
+        known = np.array([[self._known(n, part) if at_first else np.nan for n in states] for part, at_first in each])
         guess = np.where(np.isnan(known), _guess(problem, self.dynamics, time[every], measured, begin), known)
         drive = self._drive(time[every], {name: problem.inputs[name][every] for name in self.inputs}, begin)
         names = [runs.names[runs.index[part[0]]] for part in parts]
         at = [int(part[0]) for part in parts]
-        return _Layout(drive, measured, guess, np.isnan(known), names, at, samples, place[every[samples]])
+        begins = [*begin[:-1][first].tolist(), len(every)]
+        return _Layout(drive, begins, measured, guess, np.isnan(known), names, at, samples, place[every[samples]])
 
     def _jumps(self, rows: Index) -> list[int]:
         """Places in the rows of a run at which an input has jumped since the row before: when it did nobody knows, so
@@ -219,7 +227,7 @@ class Stretches(Predictor):
         none, guess = np.zeros((len(time), len(problem.channels))), np.tile(start, (count, 1))
         ends = SAMPLES * np.arange(1, count + 1) - 1
         fixed, rows = np.zeros(guess.shape, dtype=bool), np.arange(count)
-        return _Layout(drive, none, guess, fixed, [""] * count, [-1] * count, ends, rows)
+        return _Layout(drive, list(drive.begin), none, guess, fixed, [""] * count, [-1] * count, ends, rows)
 
     # -- solutions ---------------------------------------------------------------------------------------------------
 
@@ -229,7 +237,8 @@ class Stretches(Predictor):
             return self.solved
         table = self.table.copy()
         table[self.places] = theta
-        layout, states = self.layout, len(self.size)
+        states = len(self.size)
+        self.drive = self._delayed(theta)
         start, run = self._first(theta, table)
         assert run.slopes is not None
         damping = np.zeros(len(start))
@@ -241,7 +250,7 @@ class Stretches(Predictor):
                 break
             new = np.where(active[:, None], start + near.step(damping), start)
             other = OdeRun(np.zeros_like(run.states), np.zeros_like(run.channels), np.zeros_like(run.slopes))
-            ends = self.ode.run_some(table, layout.drive, new, active, other)
+            ends = self.ode.run_some(table, self.drive, new, active, other)
             there = self._near(other)
             better = active & ~ends.failed & (there.cost < near.cost)
             near.take(there, better)
@@ -249,6 +258,8 @@ class Stretches(Predictor):
             self._take(run, other, better)
             damping = np.where(better, 0.1 * damping, np.where(active, np.maximum(10.0 * damping, 1e-3), damping))
             stuck |= damping > 1e6
+        for place in self.delays:
+            run.slopes[:, :, states + place] = self._by_delay(theta, table, place, start, run)
         basis = near.basis()
         # what is left of the way to the best start is so short that the channels are linear on it
         found = near.gain <= ENOUGH * near.cost
@@ -258,6 +269,27 @@ class Stretches(Predictor):
         self.solved = _Solved(theta.copy(), run, channels, start, near.follows(by), basis)
         self._remember(theta, start)
         return self.solved
+
+    def _delayed(self, theta: Array) -> OdeDrive:
+        """The inputs, later by the delay that is fitted: linear between rows, and before a run's first row as there."""
+        late, drive = float(theta[self.delays].sum()), self.layout.drive
+        if late == 0.0 or not self.inputs:
+            return drive
+        moved = np.empty_like(drive.inputs)
+        for begin, end in pairwise(self.layout.runs):
+            mine = slice(begin, end)
+            for moving, values in zip(moved.T, drive.inputs.T, strict=True):
+                moving[mine] = np.interp(drive.time[mine] - late, drive.time[mine], values[mine])
+        return replace(drive, inputs=moved)
+
+    def _by_delay(self, theta: Array, table: Array, place: int, start: Array, run: OdeRun) -> Array:
+        """Derivative of the channels (samples, channels) by a delay, from the same starts; 0 where there is none."""
+        step = DELAYED * float(np.median(np.diff(self.layout.drive.time)))
+        moved = theta + step * (np.arange(len(theta)) == place)
+        other = OdeRun(np.zeros_like(run.states), np.zeros_like(run.channels), None)
+        every = np.ones(len(start), dtype=bool)
+        ends = self.ode.run_some(table, self._delayed(moved), start, every, other)
+        return np.zeros_like(run.channels) if ends.failed.any() else (other.channels - run.channels) / step
 
     def _remember(self, theta: Array, start: Array) -> None:
         """Keeps the starts, by their first rows, for another predictor of the same equations on these rows, or more."""
@@ -286,7 +318,7 @@ class Stretches(Predictor):
         steps = np.zeros(len(start), dtype=np.int64)
         for one in tried:
             start[waiting] = one[waiting]
-            ends = self.ode.run_some(table, layout.drive, start, waiting, run)
+            ends = self.ode.run_some(table, self.drive, start, waiting, run)
             sound = np.append((np.abs(run.slopes) < ABSURD).all(axis=(1, 2)), True)[self.padded].all(axis=1)
             steps = np.where(waiting, ends.steps, steps)
             waiting &= ends.failed | ~sound
@@ -382,7 +414,7 @@ class Stretches(Predictor):
         through: Array | float = 1.0  # what the feature is multiplied with on its way
         if target not in self.problem.channels:
             name = target.removeprefix(GAIN).removeprefix("derivative.")
-            linear = self.ode.linear(table, layout.drive, solved.run.states, list(self.dynamics.states).index(name))
+            linear = self.ode.linear(table, self.drive, solved.run.states, list(self.dynamics.states).index(name))
             if target.startswith(GAIN):
                 known: dict[str, Array | float] = {n: float(table[slot]) for n, slot in self.slots.items()}
                 taken = slice(None) if self.problem.rows is None else self.problem.rows
