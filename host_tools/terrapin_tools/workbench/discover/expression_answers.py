@@ -25,11 +25,10 @@ from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["beside_faults", "expression_pairs", "expressions", "pairs_beside", "paying"]
+__all__ = ["expression_pairs", "expressions", "pairs_beside", "paying"]
 
 REFITTED = 6  # expressions; chosen by hand, for time
 OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and another column must get its chance
-FAULTS = 2  # beside which formulas are looked for; for time
 INSTEAD = 4  # likeliest terms around the best refit; chosen by hand, for time
 POOL = 220  # expressions of which all pairs are judged; chosen by hand, for time
 OF_EACH_COLUMN = 8  # of them at least, in the order of their evidence; chosen by hand
@@ -102,20 +101,6 @@ def _as_stated(ranker: Ranker, tried: set[tuple[str, str]]) -> list[Sketch]:
     if not np.isfinite(fit.model.bind(ranker.case.inputs, ranker.rows).predict(fit.theta)).all():
         return []
     return _along(ranker, fit, ranker.beyond(fit), tried)
-
-
-def beside_faults(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Formulas beside the likeliest faults of the table, judged around the motion that the user's own equations give
-    with each: along that of a force which is ten times too small no term is right."""
-    alone = [h for h in found if len(h.effects) == 1 and h.effects[0] in ranker.faults and h.fit is not None]
-    if ranker.case.dynamics is None:
-        return []
-    return [
-        ranker.weighed((*h.effects, ranker.expression(one)))
-        for h in sorted(alone, key=lambda h: -h.log_weight)[:FAULTS]
-        if h.fit is not None
-        for one in _along(ranker, h.fit, ranker.beyond(h.fit), set())
-    ]
 
 
 def _along(ranker: Ranker, fit: Fit, beyond: Evidence, tried: set[tuple[str, str]]) -> list[Sketch]:

@@ -16,7 +16,7 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours, twins
-from terrapin_tools.workbench.discover.expression_answers import beside_faults, expression_pairs, expressions, paying
+from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.ranker import WITHIN, Found, Hypothesis, Ranker
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.formulas.expressions import read_by
@@ -132,7 +132,6 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, bef
     report("short expressions in every column")
     found += expressions(ranker, [name for name, h in singles.items() if h.taxed >= MOST_TAX])
     if analysis.missing:
-        found += beside_faults(ranker, found)
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
         found += neighbours(ranker, found)
