@@ -1280,9 +1280,10 @@ def test_waves_are_weighed_in_each_channel() -> None:
 
 
 def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The squares beyond those of noise may be explained, or what noise has by chance; constants and zero points are
-    suspects, of the catalogue is the rest."""
-    effects = [SimpleNamespace(name=name) for name in ("drag", "gear", "zero_of_load")]
+    """The squares beyond those of noise may be explained, or what noise has by chance; constants, zero points and a
+    delay of the inputs are suspects, of the catalogue is the rest."""
+    effects = [SimpleNamespace(name=name, transform="") for name in ("drag", "gear", "zero_of_load")]
+    effects.append(SimpleNamespace(name="late", transform="inputs"))
     made: list[Any] = []
 
     class Given:
@@ -1317,8 +1318,12 @@ def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
         return Ranker(analysis, lambda _: None)
 
     found = begun(2.0)
-    assert (found.catalogue, set(found.suspects), found.possible) == (2, {"zero_of_load", "constant.r"}, ["fault"])
-    assert found.effects.keys() == {"drag", "gear", "zero_of_load", "constant.r"}
+    assert (found.catalogue, set(found.suspects), found.possible) == (
+        2,
+        {"zero_of_load", "late", "constant.r"},
+        ["fault"],
+    )
+    assert found.effects.keys() == {"drag", "gear", "zero_of_load", "late", "constant.r"}
     assert found.misfit == pytest.approx(4.0 * 8.0 - 8.0)
     assert begun(1.0).misfit == pytest.approx(4.0)  # the sd of the squares of eight rows
     residual, base, behind, kinds = made[0]
