@@ -154,53 +154,6 @@ def test_pairs_of_formulas_are_looked_for_beside_members_of_answers_with_formula
     assert nearby.pairs == []
 
 
-def _twins(monkeypatch: pytest.MonkeyPatch, ranker: Bench, scores: dict[str, float], *ranked: Hypothesis,
-    known: Sequence[str] = ()) -> list[str]:  # fmt: skip
-    """With scores of effects around each answer without one of its members."""
-    monkeypatch.setattr(closure, "by_effect", lambda beyond, flat: dict(scores))
-    monkeypatch.setattr(closure, "absent", lambda fit, effects: "gone" in effects)
-    have = {frozenset(one.split()) for one in [*known, *(" ".join(h.effects) for h in ranked)]}
-    return [" ".join(h.effects) for h in closure.twins(ranker, ranked, have)]  # type: ignore[arg-type]
-
-
-def test_a_twin_does_what_a_member_of_an_answer_does(monkeypatch: pytest.MonkeyPatch) -> None:
-    """To within a factor e of its evidence; only where the member is one of the catalogue."""
-    scores = {"a": 5.0, "as_good": 4.1, "less": 4.0, "law": 9.0, "b": 6.0, "better": 8.0}
-    shapes = dict.fromkeys(("a", "b"))
-    ranker = Bench(shapes=shapes, impossible={"law"}, formulas=["e"])
-    assert _twins(monkeypatch, ranker, scores, _answer("a", 1.0)) == ["as_good", "b", "better"]
-    assert _twins(monkeypatch, ranker, scores, _answer("a", 1.0), known=["b", "better"]) == ["as_good"]
-    assert _twins(monkeypatch, ranker, scores, _answer("e a", 1.0)) == ["e as_good", "e b", "e better"]
-    assert _twins(monkeypatch, ranker, scores, _answer("e", 1.0)) == []
-    # of both members; a set that both lead to is refitted once
-    assert _twins(monkeypatch, ranker, scores, _answer("a b", 1.0)) == ["b as_good", "b better", "a better"]
-    ranker.refitted.clear()
-    _twins(monkeypatch, ranker, {"a": 5.0, "b": 5.0, "t": 5.0}, _answer("a", 1.0), _answer("b", 1.0))
-    assert ranker.refitted == ["t"]
-    # where the member itself has no evidence, nothing is as good
-    assert _twins(monkeypatch, ranker, {"t": 5.0}, _answer("a", 1.0)) == []
-
-
-def test_twins_are_looked_for_beside_answers_that_lead(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Within a factor of 20 of the likeliest of all, with a fit, every member there and of a sound size."""
-    ranker = Bench(shapes=dict.fromkeys((*"abcdu", "gone")))
-    asked: list[str] = []
-    monkeypatch.setattr(ranker, "beyond", lambda fit, member: asked.append(f"{fit.effects}-{member}"))
-    nothing = replace(_answer("n", 10.0, "nothing"), effects=())
-
-    def looked_at(*ranked: Hypothesis) -> list[str]:
-        asked.clear()
-        _twins(monkeypatch, ranker, {}, *ranked)
-        return asked
-
-    assert looked_at(nothing, *(_answer(f"{one} z", 9.9) for one in "abcd")) == ["a z-a", "b z-b", "c z-c", "d z-d"]
-    assert looked_at(nothing, _answer("a z", 9.9), _answer("b z", 7.01), _answer("c z", 7.0)) == ["a z-a", "b z-b"]
-    ranker.unsound = {"u"}
-    unfitted = replace(_answer("b z", 9.9), fit=None)
-    assert looked_at(nothing, _answer("u z", 9.9), _answer("a gone", 9.9), unfitted, _answer("d z", 9.9)) == ["d z-d"]
-    assert looked_at(_answer("u z", 9.9), _answer("d z", 9.9)) == ["d z-d"]
-
-
 def _listed(*sketches: Sketch) -> Any:
     return SimpleNamespace(sketches=sketches)
 
@@ -861,7 +814,7 @@ def _grown(monkeypatch: pytest.MonkeyPatch, missing: bool, singles: dict[str, fl
         monkeypatch.setattr(ranking, name, does)
 
     for name in ("_pairs", "_mishaps", "table_answers", "beside_constants", "expressions", "expression_pairs",
-        "neighbours", "twins"):  # fmt: skip
+        "neighbours"):  # fmt: skip
         step(name)
     monkeypatch.setattr(ranking, "paying", lambda ranker, found: [h for h in found if "free" not in h.effects])
     monkeypatch.setattr(ranking, "_merged", lambda ranker, found: sorted(found, key=lambda h: -h.log_weight))
@@ -896,11 +849,9 @@ def test_everything_that_may_be_missing_is_ranked(monkeypatch: pytest.MonkeyPatc
     assert (found.expressions, found.found) == ({"E": 1}, "found")
     steps = [name for name, *_ in asked]
     assert steps == ["_pairs", "_mishaps", "table_answers", "beside_constants", "expressions", "expression_pairs",
-        "neighbours", "twins"]  # fmt: skip
+        "neighbours"]  # fmt: skip
     assert asked[0][3] == 1.5  # the best so far
     assert asked[0][1] is found.singles
-    assert [" ".join(h.effects) for h in asked[-1][1]][:2] == ["b a", "table a"]
-    assert frozenset("ab") in asked[-1][2]
 
 
 def test_where_nothing_is_missing_only_what_is_simple_is_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -909,11 +860,10 @@ def test_where_nothing_is_missing_only_what_is_simple_is_ranked(monkeypatch: pyt
     assert [h.effects for h in found.hypotheses] == [("a",), ()]
 
 
-def test_a_twin_takes_part_and_an_absurd_effect_hides_no_formula(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_absurd_effect_hides_no_formula(monkeypatch: pytest.MonkeyPatch) -> None:
     taxed = replace(_answer("huge", 1.0), taxed=MOST_TAX)
-    more = {"twins": [_answer("t", 5.0)], "table_answers": [taxed, replace(_answer("a", 1.0), taxed=MOST_TAX - 0.1)]}
-    found, asked = _grown(monkeypatch, True, {"a": 1.5}, more)
-    assert found.hypotheses[0].effects == ("t",)
+    more = {"table_answers": [taxed, replace(_answer("a", 1.0), taxed=MOST_TAX - 0.1)]}
+    _, asked = _grown(monkeypatch, True, {"a": 1.5}, more)
     assert {name: given for name, *given in asked}["expressions"] == [["huge"]]
 
 

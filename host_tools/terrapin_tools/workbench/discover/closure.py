@@ -9,7 +9,7 @@ large it is. What comes near the best is refitted, and has neighbours of its own
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -19,14 +19,13 @@ from terrapin_tools.workbench.discover.leftover import SAME, absent
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["neighbours", "twins"]
+__all__ = ["neighbours"]
 
 CLOSE = 3.0  # log weight behind the best within which an answer's own neighbours are looked at; chosen by hand
 CENTRES = 6  # answers whose neighbours are looked at, or as many more that lead in turn; chosen by hand, for time
 ANYWAY = (3, 2)  # effects and formulas that are refitted in the place of a member, whatever is promised; by hand
 PROMISED = (6, 4)  # of those within NEAR of the best; chosen by hand
 NEAR = 8.0  # log evidence behind the best that a promise may lie and be refitted; chosen by hand
-TWIN = 1.0  # log evidence behind a member of such an answer within which an effect is its twin; chosen by hand
 BESIDE = 6  # members of answers beside which pairs of formulas are looked for; chosen by hand, for time
 PAIRS = 2  # of them that are refitted; chosen by hand, for time
 BENDS = re.compile(r"tanh\(\w+/\w+\)|exp\(-(?:\w+|abs\(\w+\))/\w+\)|\b(\w+)/\((?:\1|abs\(\1\)) \+ \w+\)")
@@ -102,27 +101,6 @@ def _standing(ranker: Ranker, known: list[Hypothesis]) -> list[Hypothesis]:
 def _of_formulas(ranker: Ranker, centre: Hypothesis) -> bool:
     """Whether formulas explain an answer, in a model whose columns stay as they are where a term is added."""
     return ranker.case.dynamics is None and any(name in ranker.sketches for name in centre.effects)
-
-
-def twins(ranker: Ranker, ranked: Sequence[Hypothesis], known: Container[frozenset[str]]) -> list[Hypothesis]:
-    """The best answers, likeliest first, with a member exchanged for an effect that does the same on these data;
-    without those known already."""
-    found: dict[frozenset[str], Hypothesis] = {}
-    leading = [h for h in ranked if h.effects and h.log_weight > ranked[0].log_weight - CLOSE]
-    for centre in leading:
-        if centre.fit is None or absent(centre.fit, centre.effects) or not ranker.sound(centre.fit, centre.effects):
-            continue
-        for member in centre.effects:
-            if member not in ranker.shapes:
-                continue
-            scores = by_effect(ranker.beyond(centre.fit, member), ranker.flat)
-            rest = tuple(n for n in centre.effects if n != member)
-            for name, score in scores.items():
-                names = (*rest, name)
-                new = name not in centre.effects and not (frozenset(names) in known or frozenset(names) in found)
-                if new and score > scores.get(member, np.inf) - TWIN and ranker.together_possible(names):
-                    found[frozenset(names)] = ranker.weighed(names)
-    return list(found.values())
 
 
 def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:

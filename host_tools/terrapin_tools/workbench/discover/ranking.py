@@ -15,7 +15,7 @@ import numpy as np
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
-from terrapin_tools.workbench.discover.closure import neighbours, twins
+from terrapin_tools.workbench.discover.closure import neighbours
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.ranker import WITHIN, Found, Hypothesis, Ranker
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
@@ -139,8 +139,6 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, bef
     for h in sorted(found, key=lambda h: -h.log_weight):
         unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)
     kept = paying(ranker, list(unlike.values()))
-    if analysis.missing and (same := twins(ranker, kept, unlike)):
-        kept = paying(ranker, [*unlike.values(), *same])
     ranked = [_largest_first(h) for h in _merged(ranker, kept)]
     logs = np.array([h.log_weight for h in ranked])
     shown = list(dict.fromkeys(n for h in ranked[:SHOWN] for n in h.effects if n in ranker.sketches))
