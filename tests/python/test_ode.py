@@ -419,7 +419,7 @@ def test_discover_add_compare(tmp_path: Path, capsys: pytest.CaptureFixture[str]
         ('v = { initial = "fit", unit = "m/s" }\n', "", r"model\.derivative\.v: no state has this name"),
         ('"fit", unit = "m" }', '"nowhere", unit = "m" }', r'found .nowhere., expected a number, "fit" or one of'),
         ('x = { initial = "fit", unit = "m" }', 'x = { unit = "m" }', r"states\.x\.initial: missing"),
-        ('time = { column = "t", unit = "ms" }\n', "", r"data\.columns: role time is not mapped"),
+        ('time = { column = "t", unit = "ms" }\n', "", r"data\.columns: role time is not mapped, expected it$"),
         ('unit = "N s/m"', 'unit = "N s"', r"case\.toml:10: model\.derivative\.v: .* - between"),
         ('unit = "m/s" }', 'unit = "m" }', r"model\.derivative\.x: v comes out in m, expected m/s"),
         ('"mm", sigma = 5.0', '"mm/s"', r"measured\.position: x comes out in m, expected m/s"),
@@ -434,6 +434,13 @@ def test_wrong_equations(tmp_path: Path, old: str, new: str, expected: str) -> N
     with pytest.raises(UserError, match=expected) as found:
         load_case(spring(tmp_path / "case", text=TEXT.replace(old, new, 1)))
     assert "\n" not in str(found.value)
+
+
+def test_a_time_that_stands_still_is_no_time(tmp_path: Path) -> None:
+    """It was asked for as a constant, and then nothing could be integrated over it."""
+    still = TEXT.replace('time = { column = "t", unit = "ms" }\n', "").replace("[parameters]", "[parameters]\ntime = 1")
+    with pytest.raises(UserError, match=r"role time is not mapped, expected it$"):
+        load_case(spring(tmp_path / "case", text=still))
 
 
 def test_time_must_rise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -401,8 +401,9 @@ def _check_names(case: Case, complain: Complaint) -> None:
         if name not in case.parameters and name not in case.fit:
             raise complain(f"{name} is missing, expected it here or in [fit]", "parameters")
     for role in case.base.needs:
-        if role not in case.roles and role not in case.parameters:
-            raise complain(f"role {role} is not mapped, expected it (or a constant in [parameters])", "data", "columns")
+        if role not in case.roles and (role == "time" or role not in case.parameters):
+            also = "" if role == "time" else " (or a constant in [parameters])"
+            raise complain(f"role {role} is not mapped, expected it{also}", "data", "columns")
     if not any(channel in case.channels for channel in case.base.channels):
         expected = ", ".join(case.base.channels)
         raise complain(f"no channel is mapped, expected one of {expected}", "data", "columns")
