@@ -443,6 +443,24 @@ def test_a_time_that_stands_still_is_no_time(tmp_path: Path) -> None:
         load_case(spring(tmp_path / "case", text=still))
 
 
+@pytest.mark.parametrize(
+    ("heading", "said", "remark"),
+    [
+        ("t [ms]", 'column = "t", unit = "s"', "time: the column's heading says ms, and case.toml s: taken as s."),
+        ("t [ms]", 'column = "t [ms]"', "time: the column's heading says ms, and case.toml none: taken as it stands."),
+        ("t in Millisekunden", 'column = "t", unit = "ms"', None),
+        ("t [raw]", 'column = "t", unit = "ms"', None),
+        ("t [g]", 'column = "t", unit = "ms"', None),
+    ],
+)
+def test_a_heading_of_another_unit_is_said(tmp_path: Path, heading: str, said: str, remark: str | None) -> None:
+    """A time in ms that was taken for seconds made a motion a thousand times slower, and nothing said so."""
+    folder = spring(tmp_path / "case", text=TEXT.replace('column = "t", unit = "ms"', said))
+    table = folder / "runs.csv"
+    table.write_text(table.read_text().replace("run,t,", f"run,{heading},", 1))
+    assert [text for text in load_case(folder).intake if "heading" in text] == ([remark] if remark else [])
+
+
 def test_time_must_rise(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = spring(tmp_path / "case")
     lines = (folder / "runs.csv").read_text().splitlines()

@@ -21,7 +21,7 @@ from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.bases.kinds.names import formula_name
 from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
-from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gaps, ungrouped, unsigned
+from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gaps, headings, ungrouped, unsigned
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.derived.columns import derive, inputs
@@ -75,7 +75,9 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     equations = _equations(tables, base)
     mapped = _columns(tables, base, equations)
     files = tables.files()
-    loaded = _called(tables, _read_files(folder, tables, files, mapped, held), mapped)
+    loaded = _read_files(folder, tables, files, mapped, held)
+    other = headings(mapped, loaded)
+    loaded = _called(tables, loaded, mapped)
     run_column = tables.text("data", "run", default="")
     derived: list[str] = []
     if tables.table("data", "derived"):
@@ -115,7 +117,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     groups = read_groups(tables, loaded, kept, run, run_names, train)
     kinds = [name for name, count in text.items() if 1 < count < len(run_names)]
     remarks = [*assumed(loaded), *derived, *gaps(columns, whole, sparse, place), *told_mends(mends), *converted(mapped)]
-    remarks += [*unsigned(values, _told(mapped)), *ungrouped(kinds)]
+    remarks += [*other, *unsigned(values, _told(mapped)), *ungrouped(kinds)]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
         channels={e.name: values[e.name] for e in mapped if e.channel},

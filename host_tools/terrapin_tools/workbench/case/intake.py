@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
 from terrapin_tools.workbench.case.mends import Mend
+from terrapin_tools.workbench.files.format import meant, parted
 from terrapin_tools.workbench.files.tables import Table
-from terrapin_tools.workbench.files.units import convert, turns
+from terrapin_tools.workbench.files.units import convert, in_si, spelling, turns
 
-__all__ = ["BOTH_WAYS", "MARK", "Mapped", "assumed", "beyond", "converted", "gaps", "guesses", "ungrouped", "unsigned"]
+__all__ = [
+    "BOTH_WAYS", "MARK", "Mapped", "assumed", "beyond", "converted", "gaps", "guesses", "headings", "ungrouped",
+    "unsigned",
+]  # fmt: skip
 
 MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
 LONGEST = 1 << 12  # bytes of that line
@@ -87,6 +92,23 @@ def converted(mapped: Sequence[Mapped]) -> list[str]:
         for e in mapped
         if turns(e.unit, e.canonical) != e.unit
     ]
+
+
+def headings(mapped: Sequence[Mapped], tables: Sequence[Table]) -> list[str]:
+    """Units in the files' headings that are not those of case.toml, nor the same by another name. Formulas that work on
+    numbers as they stand have no units to go by."""
+    if all(e.unit == "1" for e in mapped):
+        return []
+    found = []
+    for e in mapped:
+        heading = next((one for table in tables if (one := meant(e.column, table.columns))), "")
+        own = spelling(parted(heading)[1]) or e.unit
+        with suppress(ValueError):  # what no unit is, or of another kind: `acc [g]` may be taken for gravity's
+            if e.unit == "1" and convert(1000.0, own, in_si(own)) != 1000.0:
+                found.append(f"{e.name}: the column's heading says {own}, and case.toml none: taken as it stands.")
+            elif not np.isclose(convert(1000.0, own, e.canonical), convert(1000.0, e.unit, e.canonical), rtol=1e-6):
+                found.append(f"{e.name}: the column's heading says {own}, and case.toml {e.unit}: taken as {e.unit}.")
+    return found
 
 
 def unsigned(values: Mapping[str, Array], told: Mapping[str, str]) -> list[str]:
