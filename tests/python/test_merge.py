@@ -144,13 +144,40 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert "means over 0.02 s of drive.csv" in remarks
 
 
+@pytest.mark.parametrize("first", ["rig.csv", "drive.csv"])
+def test_a_refusal_and_an_answer_tell_the_same_offset(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], first: str
+) -> None:
+    """Of a program that comes twice: near the first rows one offset fits, further off two do. A refusal told them as of
+    clocks that both begin at 0: found 0.00 s where the answer was 101.70 s."""
+    random = np.random.default_rng(3)
+    once = wandering(random)
+    twice = [(times, once(times % 20.0) + random.normal(0, 0.05, len(times))) for times in (SLOW, FAST[::5])]
+    for name, clock, (times, values) in zip(("rig.csv", "drive.csv"), (0.0, 101.7), twice, strict=True):
+        np.savetxt(tmp_path / name, np.stack([clock + times, values], 1), "%.6f", ",", header="t [s],w", comments="")
+    second = {"rig.csv": "drive.csv", "drive.csv": "rig.csv"}[first]
+    words = ["case", "merge", tmp_path / first, tmp_path / second, "--match", "w=w", "--to", tmp_path / "x.csv"]
+    sign = "" if first == "rig.csv" else "-"
+    status, _, err = terrapin(capsys, *words, "--within", "25")
+    assert status == 2
+    one_line(
+        err, [f"{first}, {second}: the offset", f"{sign}101.70", "fits almost as well as", "--within looks less far"]
+    )
+    status, out, err = terrapin(capsys, *words, "--within", "5")
+    assert status == 0, err
+    assert f"the clock of {second} is {sign}101.7 s" in " ".join(out.split())
+
+
 def test_bad_input_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rig, drive, _ = files(tmp_path)
     words = ["case", "merge", rig, drive, "--to", tmp_path / "x.csv"]
     for more, expected in (
         (["--match", "velocity=w"], ["rig.csv: --match: found 'velocity'", "speed [rad/s]"]),
         (["--match", "force [N]=current [A]"], ["cannot be told from force [N] and current [A]"]),
-        (["--match", "speed [rad/s]=w", "--hold", "force [N]"], ["drive.csv: --hold: found 'force [N]'"]),
+        (
+            ["--match", "speed [rad/s]=w", "--hold", "force [N]"],
+            ["drive.csv: --hold: found force [N] of rig.csv, the slower one"],
+        ),
         (["--match", "speed"], ["expected COLUMN=COLUMN"]),
         (["--match", "speed [rad/s]=w", "--within", "0"], ["--within"]),
         (["--match", "speed [rad/s]=w", "--to", rig], ["exists already"]),

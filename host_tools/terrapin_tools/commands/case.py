@@ -169,7 +169,7 @@ def merge(
     match: Annotated[str, typer.Option("--match", metavar="COLUMN=COLUMN", help="of each: one quantity in both")],
     to: Annotated[Path, typer.Option("--to", metavar="FILE.csv", help="a new table")],
     clock: Annotated[str, typer.Option("--time", metavar="COLUMN=COLUMN", help="where the names leave it open")] = "",
-    within: Annotated[float, typer.Option("--within", metavar="SECONDS", help="look so far for the offset")] = 10.0,
+    within: Annotated[float, typer.Option("--within", metavar="SECONDS", help="look so far, first rows at 0")] = 10.0,
     hold: Annotated[Texts, typer.Option("--hold", metavar="COLUMN", help="take its last value, not its mean")] = None,
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
     plot: Picture = None,

@@ -11,6 +11,7 @@ series then give offset and drift. Their covariance allows for correlated residu
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -166,13 +167,21 @@ def _coarse(slow: Array, fast: Array, base: int, most: int, shift: float, period
     return best
 
 
-def clock_offset(slow_times: Array, slow: Array, fast_times: Array, fast: Array, within: float) -> Offset:
+def clock_offset(
+    slow_times: Array,
+    slow: Array,
+    fast_times: Array,
+    fast: Array,
+    within: float,
+    told: Callable[[float], float] = lambda offset: offset,
+) -> Offset:
     """The offset of the fast recording's clock, -within to within [s].
 
     Parameters
     ----------
     slow_times, fast_times : (rows,), s, rising; slow has the longer period.
     slow, fast : (rows,), the quantity, in units and with a level of their own; NaN for a gap.
+    told : of an offset, as a refusal tells it: between clocks that begin elsewhere.
     """
     if min(np.isfinite(slow).sum(), np.isfinite(fast).sum()) < LEAST_ROWS:
         return Offset(refused=f"a column has fewer than {LEAST_ROWS} numbers")
@@ -183,22 +192,22 @@ def clock_offset(slow_times: Array, slow: Array, fast_times: Array, fast: Array,
     found = _coarse(on_s, on_f, -round(shift), int(within / period) + 1, shift, period)
     if found is None:
         return Offset(refused="a column is constant, or the recordings overlap too little")
-    told = Offset(
+    rough = Offset(
         offset=float(found.lags[found.peak]), correlation=float(found.r[found.peak]), width=found.width * period,
         middle=float(grid_s.mean()), lags=found.lags, correlations=found.r,
     )  # fmt: skip
-    steady = _refined(grid_s, grid_f, found, told, False)
+    steady = _refined(grid_s, grid_f, found, rough, False)
     if steady is None:
-        return replace(told, refused="no offset fits both recordings")
+        return replace(rough, refused="no offset fits both recordings")
     fine, left = steady
     sd = _jackknife(grid_s, grid_f, found, fine)
-    drifting = _refined(grid_s, grid_f, found, told, True)
+    drifting = _refined(grid_s, grid_f, found, rough, True)
     if drifting is not None and abs(drifting[0].drift) <= MOST_DRIFT:
         better = found.independent * np.log(max(left, 1e-300) / max(drifting[1], 1e-300))
         if better > DRIFTS**2 / 2 and abs(drifting[0].drift) >= DRIFTS * drifting[0].drift_sd:
             fine = drifting[0]
     fine = replace(fine, offset_sd=max(fine.offset_sd, sd))
-    return replace(fine, refused=_doubt(fine, found, period, abs(fine.drift) * float(np.ptp(grid_s))))
+    return replace(fine, refused=_doubt(fine, found, period, abs(fine.drift) * float(np.ptp(grid_s)), told))
 
 
 def _jackknife(grid_s: Array, grid_f: Array, found: _Coarse, fine: Offset) -> float:
@@ -273,8 +282,12 @@ def _covariance(jacobian: Array, residual: Array, lags: int) -> Array:
     return plain if np.trace(plain) > np.trace(robust) else robust
 
 
-def _doubt(fine: Offset, found: _Coarse, period: float, drifted: float) -> str:
+def _doubt(fine: Offset, found: _Coarse, period: float, drifted: float, told: Callable[[float], float]) -> str:
     """Why the offset cannot be told, or ""."""
+
+    def said(offset: float) -> str:  # one clock may count from 1970: decimals, to a tenth of a period
+        return f"{told(float(offset)):.{max(0, int(np.ceil(1 - np.log10(period))))}f} s"
+
     best = abs(float(found.r[found.peak]))
     if found.strength < REAL:
         return f"the columns hardly go together (correlation {fine.correlation:.2f} once trends are out)"
@@ -283,11 +296,12 @@ def _doubt(fine: Offset, found: _Coarse, period: float, drifted: float) -> str:
     second = int(np.argmax(other))
     behind = found.independent * np.log(max(1e-12, 1 - other[second] ** 2) / max(1e-12, 1 - best**2))
     if behind < CLEAR or other[second] > ALIKE * best:
-        return f"{found.lags[second]:.4g} s fits almost as well as {fine.offset:.4g} s: the columns repeat themselves"
+        two = f"{said(found.lags[second])} fits almost as well as {said(fine.offset)}"
+        return f"{two}: the columns repeat themselves (--within looks less far)"
     if found.peak in (0, len(found.r) - 1):
-        return f"the best offset is at the end of what was searched ({fine.offset:.4g} s): look further"
+        return f"the best offset is at the end of what was searched ({said(fine.offset)}): look further (--within)"
     if not fine.offset_sd < TELLING * period:
         return f"the offset is known to {fine.offset_sd:.2g} s only, and a sample lasts {period:.2g} s"
     if abs(fine.offset - float(found.lags[found.peak])) > found.lobe * period + drifted:
-        return f"correlation says {found.lags[found.peak]:.4g} s, least squares say {fine.offset:.4g} s"
+        return f"correlation says {said(found.lags[found.peak])}, least squares say {said(fine.offset)}"
     return ""

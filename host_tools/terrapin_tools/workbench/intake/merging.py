@@ -99,17 +99,25 @@ def merge(
     period, fine = max(steps), min(steps)
     # each clock from its own first row on: one may count from 1970
     begins = float(slow.times[0]), float(fast.times[0])
+
+    def ahead(offset: float) -> float:
+        return (offset + begins[1] - begins[0]) * (-1 if swapped else 1)
+
     found = clock_offset(
-        slow.times - begins[0], slow.numbers[of_slow], fast.times - begins[1], fast.numbers[of_fast], within
+        slow.times - begins[0], slow.numbers[of_slow], fast.times - begins[1], fast.numbers[of_fast], within, ahead
     )
     if found.refused:
-        columns_of = f"{of_slow} and {of_fast}: {found.refused}"
+        columns_of = f"{one.match} and {two.match}: {found.refused}"
         raise UserError(
-            f"{slow.path.name}, {fast.path.name}: the offset of their clocks cannot be told from {columns_of}; "
+            f"{one.path.name}, {two.path.name}: the offset of their clocks cannot be told from {columns_of}; "
             "expected columns that measure one quantity that changes"
         )
     at = found.to_fast(slow.times - begins[0]) + begins[1]
     rows = np.flatnonzero((at >= fast.times[0]) & (at <= fast.times[-1]))
+    for name in hold:
+        if meant(name, fast.numbers) is None and (own := meant(name, slow.numbers)):
+            kept = f"{own} of {slow.path.name}, the slower one, whose numbers stay as they are"
+            raise UserError(f"{fast.path.name}: --hold: found {kept}; expected one of {', '.join(fast.numbers)}")
     hold = [_meant(fast.path, "--hold", name, fast.numbers) for name in hold]
     held = [n for n, v in fast.numbers.items() if n in hold or len(np.unique(v[np.isfinite(v)])) <= STATES]
     whole: dict[str, Any] = {**slow.numbers, **slow.text}
@@ -129,7 +137,7 @@ def merge(
             shake = float(np.sqrt(np.nanmean(slope**2))) * found.offset_sd if np.isfinite(slope).any() else 0.0
             noise[free] = float(np.hypot(noise_of(values) / np.sqrt(max(1.0, period / fine)), shake))
     names = {"slow": slow.path.name, "fast": fast.path.name}
-    offset = (found.offset + begins[1] - begins[0]) * (-1 if swapped else 1)
+    offset = ahead(found.offset)
     drift = found.drift * (-1 if swapped else 1)
     told = (
         f"the clock of {two.path.name} is {offset:.6g} s (sd {found.offset_sd:.2g} s) ahead of that of {one.path.name}"
