@@ -48,6 +48,8 @@ def test_a_table_that_fits_no_base(tmp_path: Path) -> None:
         write_table_case(tmp_path / "case", [path], "a log", show=str, chosen="vehicle")
     with pytest.raises(UserError, match=r"--base: found 'sphere', expected one of .*cmr"):
         write_table_case(tmp_path / "case", [path], "a log", show=str, chosen="sphere")
+    with pytest.raises(UserError, match=r"found 'ode', whose equations are yours to write .*docs/ode\.md.; expected"):
+        write_table_case(tmp_path / "case", [path], "a log", show=str, chosen="ode")
     assert not (tmp_path / "case").exists()
 
 

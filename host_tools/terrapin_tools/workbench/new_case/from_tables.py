@@ -356,7 +356,8 @@ def _wanted(guesses: Sequence[Guess], wanted: str) -> Base:
         return guess_base(guesses)
     if wanted not in BASES or BASES[wanted].own_dynamics:
         expected = ", ".join(name for name, base in BASES.items() if not base.own_dynamics)
-        raise UserError(f"--base: found {wanted!r}, expected one of {expected}")
+        why = ", whose equations are yours to write in case.toml (docs/ode.md);" if wanted in BASES else ","
+        raise UserError(f"--base: found {wanted!r}{why} expected one of {expected}")
     base, names = BASES[wanted], {guess.name for guess in guesses}
     lacking = [role for role, placeholder in base.needs.items() if not placeholder and role not in names]
     if not base.own_names and (lacking or base.channels.keys().isdisjoint(names)):
