@@ -446,8 +446,8 @@ def test_a_time_that_stands_still_is_no_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("heading", "said", "remark"),
     [
-        ("t [ms]", 'column = "t", unit = "s"', "time: the column's heading says ms, and case.toml s: taken as s."),
-        ("t [ms]", 'column = "t [ms]"', "time: the column's heading says ms, and case.toml none: taken as it stands."),
+        ("t [ms]", 'column = "t", unit = "s"', "time: read as s, and the column's heading says ms."),
+        ("t [ms]", 'column = "t [ms]"', "time: read without a unit, and the column's heading says ms."),
         ("t in Millisekunden", 'column = "t", unit = "ms"', None),
         ("t [raw]", 'column = "t", unit = "ms"', None),
         ("t [g]", 'column = "t", unit = "ms"', None),

@@ -105,9 +105,9 @@ def headings(mapped: Sequence[Mapped], tables: Sequence[Table]) -> list[str]:
         own = spelling(parted(heading)[1]) or e.unit
         with suppress(ValueError):  # what no unit is, or of another kind: `acc [g]` may be taken for gravity's
             if e.unit == "1" and convert(1000.0, own, in_si(own)) != 1000.0:
-                found.append(f"{e.name}: the column's heading says {own}, and case.toml none: taken as it stands.")
+                found.append(f"{e.name}: read without a unit, and the column's heading says {own}.")
             elif not np.isclose(convert(1000.0, own, e.canonical), convert(1000.0, e.unit, e.canonical), rtol=1e-6):
-                found.append(f"{e.name}: the column's heading says {own}, and case.toml {e.unit}: taken as {e.unit}.")
+                found.append(f"{e.name}: read as {e.unit}, and the column's heading says {own}.")
     return found
 
 
