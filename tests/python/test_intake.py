@@ -335,6 +335,16 @@ def test_append_says_it_in_words_and_shares_listed_runs_out(tmp_path: Path, caps
     assert (case / "runs_2.csv").read_bytes() == new.read_bytes()
 
 
+def test_a_run_of_which_no_row_is_left_is_named(tmp_path: Path) -> None:
+    """A sensor that was off for a whole run took the run away, and rows alone were counted."""
+    folder = rolling(tmp_path / "case", 1)
+    lines = (folder / "runs.csv").read_text().splitlines()
+    (folder / "runs.csv").write_text("\n".join([*lines, "off,1.0,18.0,20.0,,0.5", "dead,1.0,18.0,20.0,,0.5"]) + "\n")
+    (remark,) = [text for text in load_case(folder).intake if "rows left out" in text]
+    assert remark.startswith("2 of ")
+    assert remark.endswith("No row is left of dead, off.")
+
+
 def test_append_refuses_what_does_not_fit(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     case = rolling(tmp_path / "case", 1)
     other, gaps, copy = tmp_path / "other.csv", tmp_path / "gaps.csv", tmp_path / "copy.csv"

@@ -116,7 +116,8 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     extra, sparse, text = _extra(loaded, used | set(values) | _ignored(tables, loaded, used))
     groups = read_groups(tables, loaded, kept, run, run_names, train)
     kinds = [name for name, count in text.items() if 1 < count < len(run_names)]
-    remarks = [*assumed(loaded), *derived, *gaps(columns, whole, sparse, place), *told_mends(mends), *converted(mapped)]
+    left_out = gaps(columns, whole, sparse, place, {*names} - {*run_names})
+    remarks = [*assumed(loaded), *derived, *left_out, *told_mends(mends), *converted(mapped)]
     remarks += [*other, *unsigned(values, _told(mapped)), *ungrouped(kinds)]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 
@@ -60,10 +60,16 @@ def _stated(table: Table) -> list[str]:
     return [line.removeprefix(MARK)] if line.startswith(MARK) else []
 
 
-def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str], place: Callable[[int], str]) -> list[str]:
+def gaps(
+    columns: Mapping[str, Array],
+    whole: Mask,
+    sparse: Sequence[str],
+    place: Callable[[int], str],
+    lost: Collection[str] = (),
+) -> list[str]:
     """Rows without a number in a mapped column (`columns`, by the file's names), and unmapped columns with gaps.
 
-    `place` says where a row stands.
+    `place` says where a row stands; `lost` are the runs of which no row is left.
     """
     found = []
     missing = {name: int(np.isnan(values).sum()) for name, values in columns.items()}
@@ -72,6 +78,7 @@ def gaps(columns: Mapping[str, Array], whole: Mask, sparse: Sequence[str], place
         count = int((~whole).sum())
         found.append(f"{count} of {len(whole)} rows left out: no number in a mapped column ({where}).")
         found[-1] += f" The first is {place(int(np.argmin(whole)))}."
+        found[-1] += f" No row is left of {', '.join(sorted(lost))}." if lost else ""
     if sparse:
         found.append(f"Not looked at, for gaps: {', '.join(sparse)}.")
     return found
