@@ -48,8 +48,6 @@ class Bench:
         self.impossible: set[str] = set()
         self.unsound: set[str] = set()
         self.faults: dict[str, Any] = {}
-        self.helpful: list[str] = []
-        self.evidence = SimpleNamespace(nothing=-np.inf)
         self.flat: list[Any] = []
         self.shapes: dict[str, Any] = {}
         self.kinds: list[str] = []
@@ -188,7 +186,7 @@ def test_what_lies_next_to_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked[0][0] == ("c", "")
     assert near(_answer("c d e", 4.0))[-1] == "c d e new"
     assert len(near(_answer("c d e f", 4.0))) == 8  # of four terms none more
-    ranker.helpful, ranker.faults = ["held"], {"held": object()}
+    ranker.faults = {"held": object()}
     assert "held" not in " ".join(near(_answer("c", 4.0)))
     ranker.case.dynamics = object()  # there nothing is linear in a fault
     assert near(_answer("c", 4.0)) == ["new", "held", "c new", "c held"]
@@ -730,12 +728,10 @@ def test_the_likeliest_faults_are_refitted_alone_and_with_their_effect(monkeypat
     looked.append(suspect_answers._Looked(_fault("c1 two", column="c1"), 20.0, -np.inf, ""))
     possible = [SimpleNamespace(name=one.fault.name, looked=one) for one in looked]
     monkeypatch.setattr(suspect_answers, "_look", lambda ranker, one: one.looked)
-    none = SimpleNamespace(name="none", looked=None)
-    ranker: Any = Bench(possible=[*possible, none], effects={"drag": "drag"}, evidence=SimpleNamespace(nothing=3.0))
+    ranker: Any = Bench(possible=[*possible, SimpleNamespace(name="none", looked=None)], effects={"drag": "drag"})
     found = [" ".join(h.effects) for h in suspect_answers.table_answers(ranker)]
     assert found == [*(f"table.c{i}" for i in (1, 5, 4, 3)), "table.c2 e2", "table.c3 e3", "table.c4 e4"]
     assert ranker.faults.keys() == {f"table.c{i}" for i in range(6)}
-    assert ranker.helpful == ["table.c1", "table.c5", "table.c4"]  # which explain something alone
     assert ranker.faults["table.c1"].title == "c1 two"
     assert ranker.effects == {"drag": "drag", **ranker.faults}
 

@@ -337,15 +337,6 @@ def test_rows_are_read_with_their_runs_and_places(tmp_path: Path) -> None:
     assert [five.run_names[i] for i in np.unique(five.run[five.test])] == ["e"]
 
 
-def test_rows_of_runs_that_come_in_turn_are_put_together(tmp_path: Path) -> None:
-    """As of rigs that are read together: a delay, a stretch and a drift are within a run."""
-    case = load_case(_case(tmp_path, "run,x,y,q\nb,1,1,5\na,2,2,6\nb,3,3,7\na,4,,8\na,5,5,9\n", data='run = "run"\n'))
-    assert [case.run_names[i] for i in case.run] == ["b", "b", "a", "a"]
-    assert case.channels["y"].tolist() == [1.0, 3.0, 2.0, 5.0]
-    assert case.extra["q"].tolist() == [5.0, 7.0, 6.0, 9.0]
-    assert [case.place(row) for row in range(4)] == [f"runs.csv:{line}" for line in (2, 4, 3, 6)]
-
-
 def test_a_delay_moves_a_column_within_its_runs_and_gaps_leave_rows_out(tmp_path: Path) -> None:
     rows = "run,x,y,q\na,1,1,5\na,2,,5\na,3,3,6\nb,4,4,7\nb,5,5,8\n"
     late = COLUMNS.replace('unit = "mm"', 'unit = "mm", delay = 1')

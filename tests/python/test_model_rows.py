@@ -26,6 +26,7 @@ from terrapin_tools.workbench.model.grouped import Grouped
 from terrapin_tools.workbench.model.model import Model, _shown
 from terrapin_tools.workbench.model.table_faults import faults, read, recorded
 from terrapin_tools.workbench.noise.kinds import Node
+from terrapin_tools.workbench.noise.odd import gathered
 
 X = np.array([1.0, 2.0, 4.0, 7.0, 11.0, 16.0])
 
@@ -632,3 +633,16 @@ def test_a_parameter_that_ends_at_either_bound_is_named(
     assert fit.cost == pytest.approx(4.0 * ((wanted - ends) / 2.0) ** 2, abs=1e-9)
     np.testing.assert_allclose(fit.residual, (wanted - ends) / 2.0, atol=1e-6)
     np.testing.assert_allclose(fit.jacobian, np.full((1, 4, 1), 0.5))
+
+
+def test_of_runs_whose_rows_come_in_turn_each_is_looked_at_alone() -> None:
+    """As of rigs that are read together."""
+    run = np.array([0, 1, 0, 1, 0])
+    np.testing.assert_array_equal(table_faults._shifted(run, 1), [0, 1, 0, 1, 2])
+    np.testing.assert_array_equal(table_faults._shifted(run, -1), [2, 3, 4, 3, 4])
+    assert table_faults._varies(np.array([5.0, 7.0, 6.0, 7.0, 6.0]), run)
+    assert not table_faults._varies(np.array([5.0, 7.0, 5.0, 7.0, 5.0]), run)
+    odd, residual = np.array([True, True, True, True, False, False]), np.ones(6)
+    columns, every = {"x": np.array([0.0, 0.1, 0.2, 0.3, 5.0, 9.0])}, np.ones(6, dtype=bool)
+    # two glitches that last for two rows each are two, too few to lie together
+    assert not gathered(odd, residual, np.array([0, 1, 0, 1, 0, 1]), columns, every)

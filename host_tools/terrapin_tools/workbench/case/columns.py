@@ -96,12 +96,12 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     late = {entry.column: entry.mend.delay for entry in mapped if entry.mend.delay}
     columns |= {name: earlier(columns[name], number, delay) for name, delay in late.items()}
     whole: Mask = ~np.any([np.isnan(values) for values in columns.values()], axis=0)
-    rows = _by_run(number, whole)
+    rows: slice | Index = slice(None) if whole.all() else np.flatnonzero(whole)
     kept = np.arange(starts[-1])[rows]
     if not kept.size:
         first = next(name for name, values in columns.items() if np.isnan(values).any())
         raise UserError(f"{place(0)}: column {first}: every row has a gap, expected at least one without")
-    run_text = [names[row] for row in kept.tolist()]
+    run_text = [name for name, keep in zip(names, whole, strict=True) if keep]
     run_names = tuple(sorted(set(run_text), key=_in_order))
     index = {name: i for i, name in enumerate(run_names)}
     run = np.array([index[name] for name in run_text], dtype=np.int64)
@@ -343,14 +343,6 @@ def _ignored(tables: Tables, loaded: list[Table], used: set[str]) -> set[str]:
                 f"column {name!r} {where}, expected one of {', '.join(free) or 'none'}", "data", "ignore"
             )
     return set(names)
-
-
-def _by_run(run: Index, whole: Mask) -> slice | Index:
-    """The rows without a gap, those of each run together in the order of its first one."""
-    first = np.unique(run, return_index=True)[1]
-    order = np.argsort(first[run], kind="stable")
-    together = bool((np.diff(order) > 0).all())
-    return slice(None) if together and whole.all() else order[whole[order]]
 
 
 def _extra(loaded: list[Table], used: set[str]) -> tuple[dict[str, Array], list[str], dict[str, int]]:

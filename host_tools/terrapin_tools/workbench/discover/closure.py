@@ -128,7 +128,7 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
 
 def _over_time(ranker: Ranker, centre: Hypothesis) -> list[str]:
     """Faults of the table that may stand beside a term of the user's own equations: nothing is linear in them."""
-    return [name for name in ranker.helpful if ranker.case.dynamics is not None and name not in centre.effects]
+    return [name for name in ranker.faults if ranker.case.dynamics is not None and name not in centre.effects]
 
 
 def _bent_alike(ranker: Ranker, member: str) -> list[str]:

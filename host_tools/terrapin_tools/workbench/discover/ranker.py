@@ -76,7 +76,6 @@ class Ranker:
         self.suspects |= {effect.name: effect for effect in constants(self.model)}
         self.effects |= self.suspects
         self.faults: dict[str, Fault] = {}  # the likeliest of each name, once they were looked at
-        self.helpful: list[str] = []  # those that explain something alone, likeliest first
         self.possible = self._possible()
         self.shapes = analysis.shapes
         self.flat = [shape for shapes in self.shapes.values() for shape in shapes]

@@ -54,7 +54,6 @@ def table_answers(ranker: Ranker) -> list[Hypothesis]:
     ranker.faults = {name: one.fault for name, one in likeliest.items()}
     ranker.effects |= ranker.faults
     ranked = sorted(likeliest.values(), key=lambda one: -one.alone)
-    ranker.helpful = [one.fault.name for one in ranked if one.alone > ranker.evidence.nothing]
     found = [ranker.weighed((one.fault.name,)) for one in ranked[:REFITTED]]
     ranked = sorted(likeliest.values(), key=lambda one: -one.beside)
     return found + [ranker.weighed((one.fault.name, one.effect)) for one in ranked[:REFITTED] if one.effect]

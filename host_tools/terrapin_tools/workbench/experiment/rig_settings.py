@@ -136,6 +136,7 @@ def _interval(case: Case, rows: Mask) -> float:
     if "time" not in case.roles:
         return 0.25
     run, time = case.run[rows], case.roles["time"][rows]
-    gaps = np.diff(time)[np.diff(run) == 0]
+    order = np.argsort(run, kind="stable")
+    gaps = np.diff(time[order])[np.diff(run[order]) == 0]
     gaps = gaps[gaps > 0]
     return float(np.median(gaps)) if len(gaps) else 0.25

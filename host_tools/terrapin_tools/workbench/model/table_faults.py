@@ -181,12 +181,14 @@ def _cost(case: Case, sign_of: str) -> float:
     if sign_of not in case.channels:
         return 0.0
     sign = np.sign(case.channels[sign_of])
-    return float(np.log(2.0) * (1 + ((np.diff(sign) != 0.0) | (np.diff(case.run) != 0)).sum()))
+    order = np.argsort(case.run, kind="stable")
+    return float(np.log(2.0) * (1 + ((np.diff(sign[order]) != 0.0) | (np.diff(case.run[order]) != 0)).sum()))
 
 
 def _varies(values: Array, run: Index) -> bool:
     """Whether a column changes from row to row within a run."""
-    steps = np.diff(values)[np.diff(run) == 0]
+    order = np.argsort(run, kind="stable")  # runs may come in turn
+    steps = np.diff(values[order])[np.diff(run[order]) == 0]
     return bool(steps.size and np.abs(steps).max() > 1e-9 * max(float(np.ptp(values)), 1e-300))
 
 
@@ -241,7 +243,10 @@ def _measured(case: Case, name: str) -> Array:
 
 
 def _shifted(run: Index, late: int) -> Index:
-    """For each row the place `late` rows before it in its run, or the run's first or last."""
+    """For each row the place `late` rows before it in its run, or its own where there is none."""
+    order = np.argsort(run, kind="stable")
     at = np.arange(len(run))
     there = np.clip(at - late, 0, len(run) - 1)
-    return np.where(run[there] == run, there, at)
+    found = np.empty_like(order)
+    found[order] = order[np.where(run[order][there] == run[order], there, at)]
+    return found

@@ -45,7 +45,9 @@ def gathered(odd: Mask, residual: Array, run: Index, columns: Mapping[str, Array
     ordered by the column, with a chance of at most n w^(n-1), and all on one side of the model with 2^(1-n); so many
     columns are looked at. Runs: (rows,) numbers; odd, looked_at, residual (as of `farthest`): (rows,).
     """
-    lasts = np.concatenate([[False], odd[:-1] & (run[1:] == run[:-1])])
+    order = np.argsort(run, kind="stable")
+    lasts = np.zeros_like(odd)
+    lasts[order[1:]] = odd[order[:-1]] & (np.diff(run[order]) == 0)
     few = np.flatnonzero(odd & ~lasts)
     if len(few) < 3:
         return False
