@@ -13,7 +13,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 
-__all__ = ["delayed", "derivative", "integral", "lagged", "play", "played", "row_scatter"]
+__all__ = ["delayed", "derivative", "integral", "lagged", "play", "played", "row_scatter", "row_steps"]
 
 
 def delayed(time: Array, values: Array, delay: float) -> Array:
@@ -32,6 +32,16 @@ def derivative(time: Array, values: Array) -> Array:
     if len(time) < 2:
         return np.zeros(len(time))
     return np.asarray(np.gradient(values, time))
+
+
+def row_steps(values: Array, run: Index) -> Array:
+    """What `values` (rows,) change from each row to the next of its run; runs may come in turn.
+
+    >>> row_steps(np.array([1.0, 7.0, 3.0, 9.5]), np.array([0, 1, 0, 1]))
+    array([2. , 2.5])
+    """
+    order = np.argsort(run, kind="stable")
+    return np.asarray(np.diff(values[order])[np.diff(run[order]) == 0])
 
 
 def row_scatter(values: Array, run: Index) -> float:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.physics.signals import row_steps
 from terrapin_tools.workbench.bases import RUNNING, formula_name
 from terrapin_tools.workbench.case.case import Case
 
@@ -135,8 +136,6 @@ def _interval(case: Case, rows: Mask) -> float:
     """Time from row to row [s]."""
     if "time" not in case.roles:
         return 0.25
-    run, time = case.run[rows], case.roles["time"][rows]
-    order = np.argsort(run, kind="stable")
-    gaps = np.diff(time[order])[np.diff(run[order]) == 0]
+    gaps = row_steps(case.roles["time"][rows], case.run[rows])
     gaps = gaps[gaps > 0]
     return float(np.median(gaps)) if len(gaps) else 0.25

@@ -47,12 +47,11 @@ def append(folder: Path, file: Path, seed: int = 0) -> tuple[dict[str, Any], str
     if not file.is_file():
         raise UserError(f"{file}: no such file")
     grown = parse_case(folder, _listing(present.text, str(file.resolve()), []))
-    before_it, rows = (dict(zip(c.run_names, np.bincount(c.run).tolist(), strict=True)) for c in (present, grown))
-    known = next((run for run, count in before_it.items() if rows[run] > count), None)
-    if known is not None:
-        raise UserError(f"{file}: run {known!r} is in the case already, expected new names of runs")
-    new = np.arange(grown.rows) >= present.rows  # rows of a run stand together, runs in the order of their first rows
+    new = np.arange(grown.rows) >= present.rows
     runs = sorted({grown.run_names[i] for i in grown.run[new]})
+    known = sorted(set(runs) & set(present.run_names))
+    if known:
+        raise UserError(f"{file}: run {known[0]!r} is in the case already, expected new names of runs")
     if not runs:
         raise UserError(f"{file}: found no row without a gap, expected at least one")
     _refuse_copies(file, grown, new)

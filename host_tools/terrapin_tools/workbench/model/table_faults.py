@@ -14,6 +14,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.effects import Effect
+from terrapin_hil.physics.signals import row_steps
 from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.bases.kinds.base import Dynamics
 from terrapin_tools.workbench.case.case import Case
@@ -187,8 +188,7 @@ def _cost(case: Case, sign_of: str) -> float:
 
 def _varies(values: Array, run: Index) -> bool:
     """Whether a column changes from row to row within a run."""
-    order = np.argsort(run, kind="stable")  # runs may come in turn
-    steps = np.diff(values[order])[np.diff(run[order]) == 0]
+    steps = row_steps(values, run)
     return bool(steps.size and np.abs(steps).max() > 1e-9 * max(float(np.ptp(values)), 1e-300))
 
 

@@ -18,7 +18,7 @@ from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_hil.physics.equations.ode import Linear, Ode, OdeDrive, OdeError, OdeRun
 from terrapin_hil.physics.expression import Name, Node, Operation, parse
 from terrapin_hil.physics.program import Instruction, instructions
-from terrapin_hil.physics.signals import row_scatter
+from terrapin_hil.physics.signals import delayed, row_scatter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Act, Dynamics, Predictor, Problem, Runs
 from terrapin_tools.workbench.bases.kinds.starts import ABSURD, Near
@@ -279,7 +279,7 @@ class Stretches(Predictor):
         for begin, end in pairwise(self.layout.runs):
             mine = slice(begin, end)
             for moving, values in zip(moved.T, drive.inputs.T, strict=True):
-                moving[mine] = np.interp(drive.time[mine] - late, drive.time[mine], values[mine])
+                moving[mine] = delayed(drive.time[mine], values[mine], late)
         return replace(drive, inputs=moved)
 
     def _by_delay(self, theta: Array, table: Array, place: int, start: Array, run: OdeRun) -> Array:
