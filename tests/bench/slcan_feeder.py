@@ -1,6 +1,6 @@
-"""An SLCAN adapter on a pty, fed with a full bus: `slcan_feeder.py RATE SECONDS` prints the pty's path, waits until the
-channel is opened, sends, and prints what it sent as JSON. The text is made before; sending costs little. RATE 0 sends
-1,000 frames a "second" as fast as they are taken.
+"""An SLCAN adapter on a pty, fed with a full bus: `slcan_feeder.py RATE SECONDS [held]` prints the pty's path, waits until
+the channel is opened (and, held, for a line), sends, and prints what it sent as JSON. The text is made before; sending
+costs little. RATE 0 sends 1,000 frames a "second" as fast as they are taken.
 
 Frames carry the identifiers of the controller's telemetry in turn, and their number in their first four bytes.
 """
@@ -35,13 +35,22 @@ def texts(rate: int, seconds: float) -> list[bytes]:
 
 
 class Feeder:
-    """The feeder as a process: `path` to be opened as serial:PATH, `sent()` once it has sent everything."""
+    """The feeder as a process: `path` to be opened as serial:PATH, `sent()` once it has sent everything.
 
-    def __init__(self, rate: int, seconds: float) -> None:
-        command = [sys.executable, str(Path(__file__).resolve()), str(rate), str(seconds)]
+    held: nothing is sent before `go()`, for a test that has more to do first than to open the channel.
+    """
+
+    def __init__(self, rate: int, seconds: float, held: bool = False) -> None:
+        command = [sys.executable, str(Path(__file__).resolve()), str(rate), str(seconds), *(["held"] if held else [])]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert self._process.stdout is not None
         self.path = self._process.stdout.readline().strip()
+
+    def go(self) -> None:
+        """Lets a held feeder send."""
+        assert self._process.stdin is not None
+        self._process.stdin.write("\n")
+        self._process.stdin.flush()
 
     @property
     def output(self) -> int:
@@ -75,7 +84,7 @@ def write(descriptor: int, text: bytes) -> None:
         text = text[os.write(descriptor, text) :]
 
 
-def main(rate: int, seconds: float) -> None:
+def main(rate: int, seconds: float, held: bool = False) -> None:
     pieces = texts(rate or 1000, seconds)
     master, slave = os.openpty()
     tty.setraw(slave)
@@ -84,7 +93,10 @@ def main(rate: int, seconds: float) -> None:
     while not heard.endswith(b"O\r"):
         heard = (heard + os.read(master, 4096))[-64:]
     os.close(slave)  # the reader holds it now; its end is then ours to see
-    time.sleep(0.3)
+    if held:
+        sys.stdin.readline()
+    else:
+        time.sleep(0.3)
     begin, latest, busy = time.monotonic(), 0.0, time.process_time()
     for number, piece in enumerate(pieces):
         due = begin + number * SLICE if rate else 0.0
@@ -101,4 +113,4 @@ def main(rate: int, seconds: float) -> None:
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]), float(sys.argv[2]))
+    main(int(sys.argv[1]), float(sys.argv[2]), sys.argv[3:] == ["held"])

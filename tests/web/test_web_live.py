@@ -531,9 +531,10 @@ def test_malformed_messages_end_the_socket(live: Server, message: str | bytes) -
 
 def test_killed_server_leaves_a_log(own_server: Server) -> None:
     """kill -9 of the server: what has come into the log by itself, nobody having asked for it, is still there."""
-    with Feeder(2000, 3.0) as feeder:
+    with Feeder(2000, 3.0, held=True) as feeder:
         post(own_server, "live", source=f"serial:{feeder.path}")
         post(own_server, "live/record", do="start", name="x.mf4")
+        feeder.go()
         found = watch(own_server, lambda w: w.status.get("total", 0) >= 4000)
         heard = found.status["total"]
         log = own_server.workspace / "logs" / "x.mf4"
