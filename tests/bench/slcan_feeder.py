@@ -1,6 +1,6 @@
-"""An SLCAN adapter on a pty, fed with a full bus: `slcan_feeder.py RATE SECONDS [held]` prints the pty's path, waits until
-the channel is opened (and, held, for a line), sends, and prints what it sent as JSON. The text is made before; sending
-costs little. RATE 0 sends 1,000 frames a "second" as fast as they are taken.
+"""An SLCAN adapter on a pty, fed with a full bus: `slcan_feeder.py RATE SECONDS [held]` prints the path of the pty,
+waits until the channel is opened (and, held, for a line), sends, and prints what it sent as JSON. The text is made
+before; sending costs little. RATE 0 sends 1,000 frames a "second" as fast as they are taken.
 
 Frames carry the identifiers of the controller's telemetry in turn, and their number in their first four bytes.
 """
