@@ -81,7 +81,7 @@ class Saying:
             "_with_each_alone": lambda analysis, ranking, told: ranking, "_candidates": lambda *_: ("candidates",),
             "aliases": lambda *_: ("aliases",), "_where": lambda *_: ("where",), "_ladder": lambda *_: ("rung", "last"),
             "part_of": lambda *_: "part", "front": lambda *_: ("front",),
-            "_whole": lambda *_: {"whole": 1.0}, "weights": lambda *_: ("weights",),
+            "_whole": lambda *_: {"whole": 1.0}, "_called": lambda _: {"called": 1}, "weights": lambda *_: ("weights",),
             "classes": lambda *_: ("classes",), "_curve": lambda *_: "curve", "_operating": lambda *_: ("operating",),
             "selection": lambda *_: (Selected(("a",), "catalogue", 1.0),),
         }  # fmt: skip
@@ -112,13 +112,14 @@ def test_one_answer_is_said_with_its_noise_and_its_rate(monkeypatch: pytest.Monk
     assert said.asked["doubts"] == [(said.analysis, top.fit)]
     assert said.asked["noise_around"][0][1] is top.fit
     assert [given[1] for given in said.asked["_ladder"]] == [top, top]
-    assert said.asked["_candidates"][0][2:] == (found.around, top.fit, {})
+    assert said.asked["_candidates"][0][2:] == (found.around, top.fit, ("every",), {})
     assert said.asked["_where"][0][2:] == (top, "")
     assert said.asked["_curve"][0][3] is top.fit
     assert said.asked["_operating"][0][1] is top
     assert said.asked["weights"][0][1] == ("every",)
     assert said.asked["_whole"][0] == (("every",), Decision("missing", 0.9, (top,), classes=("every",)), 0.9)  # type: ignore[arg-type]
-    assert said.asked["front"][0][3] == {"whole": 1.0}
+    assert said.asked["_called"] == [(("every",),)]
+    assert said.asked["front"][0][3:] == ({"called": 1}, {"whole": 1.0})
     assert said.asked["_with_each_alone"][0][2] == [("a", "b")]
     assert Saying(monkeypatch, Decision("missing", 0.9, (top,)))(bootstrap=30).selected[0].frequency == 1.0
 
@@ -149,7 +150,7 @@ def test_a_part_is_said_with_what_it_leaves(monkeypatch: pytest.MonkeyPatch) -> 
     found = said()
     assert (found.part, found.missing) == ("part", ("a", "b"))
     assert said.asked["part_of"][0] == (said.analysis, top.fit, "load", "sigma around")
-    assert said.asked["_candidates"][0][4] == {"a": 0.7, "b": 0.7}
+    assert said.asked["_candidates"][0][5] == {"a": 0.7, "b": 0.7}
     assert said.asked["_where"][0][3] == ""
 
 

@@ -1,4 +1,5 @@
-"""Equations of the user's own whose input is not linear between rows: held by a controller, or jumping at any time."""
+"""Equations of the user's own whose input is not linear between rows: held by a controller, or jumping at any time; and
+clocks that are apart."""
 
 from __future__ import annotations
 
@@ -20,24 +21,32 @@ from tests.python.test_ode import TEXT
 ROWS, FINE, STEP = 150, 40, 0.05
 
 
-def record(folder: Path, forces: Array, cubic: float = 0.0, recorded: Array | None = None) -> Case:
+SPEED = 'speed = { column = "v", unit = "m/s", sigma = 0.01 }'
+
+
+def record(
+    folder: Path, forces: Array, cubic: float = 0.0, recorded: Array | None = None, late: int | None = None
+) -> Case:
     """The spring of test_ode driven by `forces` (runs, ROWS * FINE), each constant for a step of STEP / FINE, by the
     classical method of Runge and Kutta: no part of the project. A row has the force as it is right then; the rows of
-    the runs come in turn, as of rigs that are read together. `recorded`: what is told of the forces instead."""
+    the runs come in turn, as of rigs that are read together. `recorded`: what is told of the forces instead. `late`:
+    steps by which a channel of the speed, which there is then, comes after the others."""
     random, step = np.random.default_rng(5), STEP / FINE
 
     def rate(state: Array, force: Array) -> Array:
         x, v = state
         return np.array([v, (force - 0.5 * v - 8.0 * x - cubic * x**3) / 1.3])
 
-    state, lines = random.uniform(-0.5, 0.5, (2, len(forces))), ["run,t,f,x,first"]
+    state, lines, speeds = random.uniform(-0.5, 0.5, (2, len(forces))), ["run,t,f,x,first,v"], list[Array]()
     first = state[0].copy()
     told = forces if recorded is None else recorded
     for i, force in enumerate(forces.T):
+        speeds.append(state[1])
         if i % FINE == 0:
             shown = 1000.0 * state[0] + 5.0 * random.standard_normal(len(forces))
+            speed = speeds[max(i - (late or 0), 0)] + 0.01 * np.random.default_rng(i).standard_normal(len(forces))
             lines += [
-                f"r{run},{1000 * step * i:.9g},{told[run, i]:.9g},{x:.9g},{first[run]:.9g}"
+                f"r{run},{1000 * step * i:.9g},{told[run, i]:.9g},{x:.9g},{first[run]:.9g},{speed[run]:.9g}"
                 for run, x in enumerate(shown)
             ]
         slopes = [rate(state, force)]
@@ -46,7 +55,8 @@ def record(folder: Path, forces: Array, cubic: float = 0.0, recorded: Array | No
         state = state + step / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
     folder.mkdir(parents=True)
     (folder / "runs.csv").write_text("\n".join(lines) + "\n")
-    (folder / "case.toml").write_text(TEXT)
+    text = TEXT if late is None else TEXT.replace('position = "x"', 'position = "x"\nspeed = "v"') + SPEED
+    (folder / "case.toml").write_text(text)
     return load_case(folder)
 
 
@@ -99,6 +109,43 @@ def test_an_input_by_another_clock_is_told_as_such(tmp_path: Path, late: float) 
     assert answer is not None
     place = [one.key for one in answer.model.fitted].index("input_delay.delay")
     assert abs(answer.theta[place] - late) < 0.02
+
+
+@pytest.mark.parametrize("cubic", [0.0, 12.0])
+def test_a_channel_by_another_clock_is_told_as_such(tmp_path: Path, cubic: float) -> None:
+    """By 0.4 of a row, and beside the law that is missing. A speed that came late was 'k*v in position, and force keeps
+    its value until the next row' at 0.98, for there the other channel, and what drives both, come early."""
+    case = record(tmp_path / "case", smooth(0.0), cubic, late=16)
+    found = discover(case)
+    assert found.verdict == "missing"
+    effects = {one.effect.name: one.effect.expression for one in found.candidates}
+    assert {effects[name] for name in found.missing} == {"delay", *(["k_*x**3"] if cubic else [])}
+    assert "delay_of_speed" in found.missing
+    answer = next(h.fit for h in found.ranking.hypotheses if {*h.effects} == {*found.missing})
+    assert answer is not None
+    place = [one.key for one in answer.model.fitted].index("delay_of_speed.delay")
+    assert abs(answer.theta[place] - 0.02) < 0.003
+
+
+def test_the_derivatives_by_a_channels_delay_are_those_of_the_prediction(tmp_path: Path) -> None:
+    case = record(tmp_path / "case", smooth(0.0), late=16)
+    bound = Model.of(case, ["delay_of_speed"]).bind(case.inputs)
+    theta = np.array([0.5, 8.0, 0.03])
+    slopes = bound.jacobian(theta)[1]
+    for place, size in enumerate([1e-3, 1e-3, 1e-4]):
+        step = size * (np.arange(3) == place)
+        differences = (bound.predict(theta + step) - bound.predict(theta - step)) / (2.0 * size)
+        np.testing.assert_allclose(slopes[..., place], differences, atol=0.02 * np.abs(differences).max())
+    act, change = bound.acting(theta, "speed"), np.sin(case.roles["time"])
+    assert act is not None
+    plain = Model.of(case).bind(case.inputs).acting(theta[:2], "speed")
+    assert plain is not None
+    assert np.abs(act(change[None]) - plain(change[None])).max() > 0.01  # it comes late, too
+
+
+def test_one_channel_has_no_delay_of_its_own(tmp_path: Path) -> None:
+    """It is late as the inputs are early."""
+    assert not [name for name in record(tmp_path / "case", smooth(0.0)).library if name.startswith("delay_of")]
 
 
 @pytest.mark.parametrize("between", ["linear", "held"])

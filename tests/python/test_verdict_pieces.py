@@ -27,7 +27,7 @@ from terrapin_tools.workbench.discover import (
 )
 from terrapin_tools.workbench.discover import ranking as ranking_
 from terrapin_tools.workbench.discover.certainty import _log_odds, calibrated
-from terrapin_tools.workbench.discover.decide import Class, Decision
+from terrapin_tools.workbench.discover.decide import Class, Decision, inclusion
 from terrapin_tools.workbench.discover.leftover import Doubts, Left, absent, allowed, pays
 from terrapin_tools.workbench.discover.misfit import explained, front, part_of
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
@@ -297,9 +297,11 @@ def test_the_front_goes_on_as_long_as_held_out_rows_gain(errors: Any) -> None:
 
     whole = {("a", "b"): 0.6}  # of its class, as the verdict has it
 
+    named: dict[tuple[str, ...], Hypothesis] = {}
+
     def told(*pairs: tuple[Hypothesis, float]) -> list[tuple[str, float]]:
         ranking: Any = SimpleNamespace(probability=lambda kind: 0.1, pairs=lambda: list(pairs))
-        return [(" ".join(s.effects), s.probability) for s in front(errors, ranking, np.ones(1), whole)]
+        return [(" ".join(s.effects), s.probability) for s in front(errors, ranking, np.ones(1), named, whole)]
 
     errors.fit = Fit(3.0, 3.0)
     original = misfit.absent
@@ -308,6 +310,9 @@ def test_the_front_goes_on_as_long_as_held_out_rows_gain(errors: Any) -> None:
         best, second = one("a", Fit(2.0, 2.0)), one("b", Fit(1.0, 1.0))
         two, worse = one("a b", Fit(1.5, 1.9)), one("c d e", Fit(0.5, 1.9))
         assert told((two, 0.5), (best, 0.3), (second, 0.05), (worse, 0.05)) == [("", 0.1), ("a", 0.3), ("a b", 0.6)]
+        named[("a",)] = one("law", Fit(2.0, 2.0))  # predicts what a does, and is what both go by
+        assert told((best, 0.9)) == [("", 0.1), ("law", 0.9)]
+        named.clear()
         assert told((one("a", Fit(1.0, 3.0)), 0.9)) == [("", 0.1)]
         assert told((one("gone", Fit(1.0, 1.0)), 0.9)) == told((one("a", Fit(1.0, 1.0), "part"), 0.9)) == [("", 0.1)]
         errors.fit = Fit(3.0, None)  # nothing is held out: by the training runs
@@ -447,8 +452,13 @@ def test_an_effect_and_a_column_have_the_mass_of_all_that_holds_them() -> None:
     found = _ranking((one, 0.4), (_set("a"), 0.2), (_set("b", kind="part", column="load"), 0.1),
         (_set("e2", kind="expression", column="speed"), 0.2), (Hypothesis((), "unknown", 0.0, column="load"), 0.1),
         columns={"e1": "load", "e2": "speed"})  # fmt: skip
-    assert found.inclusion("a") == pytest.approx(0.6)
-    assert found.inclusion("e2") == pytest.approx(0.2)
+    assert inclusion(found, [], "a") == pytest.approx(0.6)
+    assert inclusion(found, [], "e2") == pytest.approx(0.2)
+    mixed, plain, part, *_ = found.hypotheses
+    same = Class(((plain, 0.2), (mixed, 0.4)), ((part, 0.1),))  # e1 adds nothing to a; a stands beside the curve
+    assert inclusion(found, [same], "a") == pytest.approx(0.7)
+    assert inclusion(found, [same], "e1") == inclusion(found, [same], "b") == 0.0
+    assert inclusion(found, [same], "e2") == pytest.approx(0.2)
     assert found.column_inclusion("load") == pytest.approx(0.4 + 0.1 + 0.1)
     assert found.column_inclusion("speed") == pytest.approx(0.2)
     assert found.pairs()[3][1] == pytest.approx(0.2)

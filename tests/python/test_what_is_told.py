@@ -159,11 +159,12 @@ def test_each_effect_has_its_own_probability_and_what_is_out_of_the_question_non
     monkeypatch.setattr(discovery, "_candidate", candidate)
     monkeypatch.setattr(discovery, "calibrated", lambda p: p)
     monkeypatch.setattr(discovery, "sd_of", lambda *_: None)
+    monkeypatch.setattr(discovery, "inclusion", lambda _, sets, name: given[name])
     ranking: Any = SimpleNamespace(
-        singles=singles, alone={}, columns={"likely": "oil", "never": "load"}, inclusion=given.__getitem__,
+        singles=singles, alone={}, columns={"likely": "oil", "never": "load"},
         column_inclusion={"oil": 0.95, "load": 1e-12}.__getitem__, hypotheses=list(singles.values()),
     )  # fmt: skip
-    found = discovery._candidates(None, ranking, None, None, {"sure": 0.99, "likely": 0.1})  # type: ignore[arg-type]
+    found = discovery._candidates(None, ranking, None, None, (), {"sure": 0.99, "likely": 0.1})  # type: ignore[arg-type]
     told = {one.effect.name: (one.probability, vars(one)["column"]) for one in found}
     assert told == {"sure": (0.99, None), "likely": (0.9, 0.95), "hardly": (1e-8, None), "never": (0.0, 0.0)}
     assert list(told) == ["sure", "likely", "hardly", "never"]

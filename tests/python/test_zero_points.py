@@ -11,7 +11,7 @@ from casekit import terrapin
 
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.case.case import load_case
-from terrapin_tools.workbench.case.zero_points import zero_points
+from terrapin_tools.workbench.case.instruments import zero_points
 from terrapin_tools.workbench.discover.discovery import discover
 
 CASE = """[case]

@@ -32,6 +32,7 @@ FORCES = {
 TRANSFORMS = {  # of bodies over time, and the lag of an equation: what is measured goes through it
     "delay": "makes every channel late by it [s]",
     "inputs": "lets the inputs act later by it [s]",
+    "late": "lets this channel come later by it [s]",
     "play": "lets the encoder follow through a gap of it [rad]",
     "angle": "is the error [rad] of the angle that the encoder measures",
     "lag": "sends the channel through a low-pass of first order with it as the time constant",

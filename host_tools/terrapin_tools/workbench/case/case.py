@@ -26,10 +26,10 @@ from terrapin_tools.workbench.case.effect_units import contradiction
 from terrapin_tools.workbench.case.effects import read_library, sound
 from terrapin_tools.workbench.case.goal import read_goal
 from terrapin_tools.workbench.case.groups import read_shares
+from terrapin_tools.workbench.case.instruments import channel_delays, zero_points
 from terrapin_tools.workbench.case.intake import beyond, guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
-from terrapin_tools.workbench.case.zero_points import zero_points
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.toml_tables import (
     Complaint,
@@ -202,6 +202,8 @@ def _mechanics(tables: Tables, measured: Measurements, base: Base) -> dict[str, 
     units = {formula_name(n): unit or "1" for n, unit in measured.units.items()}
     formulas = {} if base.own_dynamics else measured.equations
     zeros = zero_points(formulas, columns, {**dict.fromkeys(columns, "1"), **units})
+    if base.own_dynamics and "time" in measured.roles:
+        zeros |= channel_delays(list(measured.channels), measured.roles["time"], measured.run)
     return zeros | mechanics_of(told, {n: measured.units[n] or "1" for n in measured.channels}, names & known)
 
 

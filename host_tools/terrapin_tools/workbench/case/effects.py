@@ -14,6 +14,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, Base, formula_name
 from terrapin_tools.workbench.bases.kinds.base import GAIN
 from terrapin_tools.workbench.case.effect_units import open_units, plain, unit_problem
+from terrapin_tools.workbench.case.instruments import INSTRUMENTS
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.toml_tables import Estimate, Tables, read_estimate
 
@@ -157,7 +158,8 @@ def sound(tables: Tables, base: Base, library: Mapping[str, Effect], given: Mapp
     as_they_stand = base.own_names and not base.own_dynamics  # numbers, as the file has them
     checked = {}
     for name, effect in library.items():
-        if name in catalogue() or (as_they_stand and effect.source != OWN):
+        delay = effect.transform in INSTRUMENTS  # in s, whatever the target is in
+        if name in catalogue() or delay or (as_they_stand and effect.source != OWN):
             checked[name] = effect
             continue
         expression = parse(effect.expression)

@@ -28,7 +28,7 @@ from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.mishaps import KINDS
 from terrapin_tools.workbench.noise.stated import FAR
 
-__all__ = ["Class", "Decision", "Weight", "aliases", "classes", "decide", "weights", "with_curves"]
+__all__ = ["Class", "Decision", "Weight", "aliases", "classes", "decide", "inclusion", "weights", "with_curves"]
 
 BEHIND = 0.1  # of the likeliest member's probability that another name of its class has at least
 BESIDE = 0.2  # of it that a formula has at least, to be told beside an effect whose size is very unusual
@@ -93,13 +93,14 @@ class Decision:
 class Weight:
     """Something that was weighed: `kind` set, part (a set, and a curve beside it), unknown (a curve), expression (any
     other formula in a column), nothing, that of a mishap, or rest (sets of which a term is fitted as 0 or adds so
-    little that they were not refitted; the last one); `sets`: its names; `column`: of the curve, or the run. The
-    probability is the posterior."""
+    little that they were not refitted; the last one); `sets`: its names; `column`: of the curve, or the run; `alike`:
+    single terms that predict the same, and are not what it is called. The probability is the posterior."""
 
     kind: str
     sets: tuple[tuple[str, ...], ...]
     column: str
     probability: float
+    alike: tuple[str, ...] = ()
 
 
 class _Apart:
@@ -281,9 +282,29 @@ def aliases(analysis: Analysis, ranking: Ranking, said: Decision) -> tuple[tuple
     return tuple(h.effects for h in other if max(apart(top, h), apart(h, top)) < ONE)
 
 
+def inclusion(ranking: Ranking, every: Sequence[Class], term: str) -> float:
+    """Posterior probability that a term is part of what is missing. What predicts the same goes by the names of its
+    class, as the answer is told; sets of no class, as those that were not refitted, by their own."""
+    ours = {id(h) for one in every for h, _ in (*one.members, *one.parts)}
+    own = sum(p for h, p in ranking.pairs() if term in h.effects and id(h) not in ours)
+    called = sum((c.mass + c.partly) * _share(c, term) for c in every)
+    return float(own + called)
+
+
+def _share(one: Class, term: str) -> float:
+    """Of the names of a class those with a term."""
+    every = [(share if one.mass else 1.0, h) for h, share in one.names]
+    return sum(share for share, h in every if term in h.effects) / sum(share for share, _ in every)
+
+
+def _unnamed(one: Class) -> tuple[str, ...]:
+    named = {h.effects for h, _ in one.names}
+    return tuple(h.effects[0] for h, _ in one.members if len(h.effects) == 1 and h.effects not in named)
+
+
 def weights(ranking: Ranking, every: Sequence[Class]) -> tuple[Weight, ...]:
     """All that was weighed and is not out of the question, likeliest first; what predicts the same is one."""
-    found = [Weight("set", tuple(h.effects for h, _ in one.names), "", one.mass) for one in every]
+    found = [Weight("set", tuple(h.effects for h, _ in c.names), "", c.mass, _unnamed(c)) for c in every]
     found += [
         Weight("part", (one.parts[0][0].effects,), one.parts[0][0].column, one.partly) for one in every if one.parts
     ]

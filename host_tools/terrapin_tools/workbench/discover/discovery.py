@@ -34,6 +34,7 @@ from terrapin_tools.workbench.discover.decide import (
     aliases,
     classes,
     decide,
+    inclusion,
     weights,
     with_curves,
 )
@@ -184,8 +185,8 @@ def decided(
     noise = again or analysis.told
     ranking = _with_each_alone(analysis, ranking, [h.effects for h in said.told])
     sure = dict.fromkeys(missing, probability) if verdict == "partial" else {}
-    candidates = _candidates(analysis, ranking, noise, answer, sure)
     sets = said.classes or classes(analysis, ranking)
+    candidates = _candidates(analysis, ranking, noise, answer, sets, sure)
     return Discovery(
         analysis=analysis,
         ranking=ranking,
@@ -200,7 +201,7 @@ def decided(
         ladder=_ladder(analysis, named, noise),
         best=_ladder(analysis, top, noise)[-1] if top is not None and top.fit is not None else None,
         part=_part(analysis, said, answer, noise),
-        front=front(analysis, ranking, noise.sigma, _whole(sets, said, probability)),
+        front=front(analysis, ranking, noise.sigma, _called(sets), _whole(sets, said, probability)),
         weighed=weights(ranking, sets),
         blamed=said.blamed,
         unknown=_curve(analysis, ranking, said, answer),
@@ -234,6 +235,15 @@ def _whole(every: Sequence[Class], said: Decision, probability: float) -> dict[t
     found = {h.effects: calibrated(share, "missing") for one in every for h, share in one.names}
     if said.verdict in ("missing", "ambiguous"):
         found[said.told[0].effects] = probability
+    return found
+
+
+def _called(every: Sequence[Class]) -> dict[tuple[str, ...], Hypothesis]:
+    """Of each set what its class is called by, with as many terms."""
+    found: dict[tuple[str, ...], Hypothesis] = {}
+    for one in every:
+        for name, _ in reversed(one.names):
+            found |= {h.effects: name for h, _ in one.members if len(h.effects) == len(name.effects)}
     return found
 
 
@@ -301,13 +311,18 @@ def rung(analysis: Analysis, name: str | None, fit: Fit, noise: Noise) -> Rung:
 
 
 def _candidates(
-    analysis: Analysis, ranking: Ranking, noise: Noise, answer: Fit | None, sure: Mapping[str, float]
+    analysis: Analysis,
+    ranking: Ranking,
+    noise: Noise,
+    answer: Fit | None,
+    sets: Sequence[Class],
+    sure: Mapping[str, float],
 ) -> tuple[Candidate, ...]:
     """`sure`: probability of what is named as part, which may stand in the place of formulas."""
     found = []
     for name, hypothesis in {**ranking.singles, **ranking.alone}.items():
         column = ranking.columns.get(name)
-        each = [ranking.inclusion(name), *([] if column is None else [ranking.column_inclusion(column)])]
+        each = [inclusion(ranking, sets, name), *([] if column is None else [ranking.column_inclusion(column)])]
         likely = [calibrated(p) if p > 1e-9 else 0.0 for p in each]
         likely[0] = max(likely[0], sure.get(name, 0.0))
         fit = hypothesis.fit

@@ -15,7 +15,7 @@ from itertools import chain
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.case.zero_points import ZERO
+from terrapin_tools.workbench.case.instruments import ZERO
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
 from terrapin_tools.workbench.discover.ranker import WITHIN, Hypothesis, Ranker

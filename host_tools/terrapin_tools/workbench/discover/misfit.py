@@ -154,16 +154,26 @@ def _left(analysis: Analysis, fit: Fit) -> Array:
 
 
 def front(
-    analysis: Analysis, ranking: Ranking, sigma: Array, said: Mapping[tuple[str, ...], float]
+    analysis: Analysis,
+    ranking: Ranking,
+    sigma: Array,
+    called: Mapping[tuple[str, ...], Hypothesis],
+    said: Mapping[tuple[str, ...], float],
 ) -> tuple[Step, ...]:
     """No term, one, two ...: the likeliest set of each number, as long as more terms predict the held-out runs better,
-    or the training runs where none is held out. `said`: probability of a set to be all that is missing, as it is told
-    elsewhere."""
+    or the training runs where none is held out.
+
+    Parameters
+    ----------
+    called : of a set that one of as many terms, by whose name it is told.
+    said : probability of a set to be all that is missing, as it is told elsewhere.
+    """
     case, found = analysis.case, list[Step]()
     nothing = ranking.probability("nothing")
     steps: dict[int, tuple[tuple[str, ...], float, Fit]] = {0: ((), nothing, analysis.fit)}
-    for one, p in ranking.pairs():
-        if one.effects and one.kind != "part" and one.fit is not None and not absent(one.fit, one.effects):
+    for likely, p in ranking.pairs():
+        one = called.get(likely.effects, likely)
+        if one.effects and likely.kind != "part" and one.fit is not None and not absent(one.fit, one.effects):
             steps.setdefault(len(one.effects), (one.effects, p, one.fit))
     for _, (effects, p, fit) in sorted(steps.items()):
         train, held = error(fit, case.train, sigma), error(fit, case.test, sigma)

@@ -11,7 +11,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
-from terrapin_tools.workbench.case.zero_points import ZERO
+from terrapin_tools.workbench.case.instruments import INSTRUMENTS, ZERO
 from terrapin_tools.workbench.compare.comparison import Analysis, free_slopes, measured
 from terrapin_tools.workbench.formulas.expressions import FOUND, SCALE_COST, Library, Sketch, as_effect
 from terrapin_tools.workbench.model.constants import constants, error_tax
@@ -69,8 +69,8 @@ class Ranker:
         self.values = measured(self.model, self.rows)
         self.train = measured(self.model, self.case.train)
         self.effects: dict[str, Effect] = {effect.name: effect for effect in candidates(self.model)}
-        # a zero point or a delay of the inputs is a matter of instruments, as likely as a constant that is off
-        instruments = (one for one in self.effects.values() if one.name.startswith(ZERO) or one.transform == "inputs")
+        # a zero point or a delay is a matter of instruments, as likely as a constant that is off
+        instruments = (e for e in self.effects.values() if e.name.startswith(ZERO) or e.transform in INSTRUMENTS)
         self.suspects = {effect.name: effect for effect in instruments}
         self.catalogue = len(self.effects) - len(self.suspects)
         self.suspects |= {effect.name: effect for effect in constants(self.model)}

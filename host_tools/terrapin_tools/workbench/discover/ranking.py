@@ -86,10 +86,6 @@ class Ranking:
             return Blamed(kind, (names[names.index(after) - 1], after))
         return Blamed(kind, tuple(h.column for h, p in mine if h.column and p >= LISTED * share[kind]))
 
-    def inclusion(self, effect: str) -> float:
-        """Probability that an effect, or an expression as it is written, is part of what is missing."""
-        return float(sum(p for h, p in zip(self.hypotheses, self.posterior, strict=True) if effect in h.effects))
-
     def column_inclusion(self, column: str) -> float:
         """Probability that some expression in a column, or a curve in it without one, is part of what is missing."""
         return float(

@@ -162,7 +162,13 @@ def read(kept: Mapping[str, Any]) -> Findings:
         formulas=dict(kept["formulas"]),
         part=_kept_part(kept["rest"]),
         weighed=tuple(
-            Weight(w["kind"], tuple(tuple(names) for names in w["sets"]), w["column"], w["probability"])
+            Weight(
+                w["kind"],
+                tuple(tuple(names) for names in w["sets"]),
+                w["column"],
+                w["probability"],
+                tuple(w.get("alike", ())),
+            )
             for w in kept["weighed"]
         ),
         front=tuple(Step(**{**one, "effects": tuple(one["effects"])}) for one in kept["front"]),

@@ -455,6 +455,8 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
         return f"Takes away {share}{left}."
     if one.explains < LITTLE:
         return f"Takes away {share}{why_not}."
+    if any(one.effect in other.alike for other in found.weighed if found.missing in other.sets):
+        return f"Predicts the same as {_joined(spelt(found, found.missing))} on these rows, and goes by that name."
     if one.noise_ratio is not None and one.noise_ratio < NEAR_FLOOR:
         near = in_sd(one.noise_ratio)
         return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."

@@ -15,12 +15,13 @@ from itertools import pairwise
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
-from terrapin_hil.physics.equations.ode import Linear, Ode, OdeDrive, OdeError, OdeRun
+from terrapin_hil.physics.equations.ode import Linear, Ode, OdeDrive, OdeEnds, OdeError, OdeRun
 from terrapin_hil.physics.expression import Name, Node, Operation, parse
 from terrapin_hil.physics.program import Instruction, instructions
 from terrapin_hil.physics.signals import delayed, row_scatter
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases.kinds.base import GAIN, Act, Dynamics, Predictor, Problem, Runs
+from terrapin_tools.workbench.bases.kinds.late_channels import Shift, shift_of
 from terrapin_tools.workbench.bases.kinds.starts import ABSURD, Near
 
 __all__ = ["Stretches"]
@@ -115,8 +116,13 @@ class Stretches(Predictor):
         wanted = np.zeros((count, 1, 1))  # rows that are left out (a sensor that stuck) tell nothing of a start
         wanted[self.layout.samples] = 1.0
         self.weights = self.weight[:, None] * wanted  # of each sample (samples, channels, 1)
-        late = {effect.name for effect in problem.effects if effect.transform == "inputs"}
-        self.delays = [i for i, f in enumerate(problem.fitted) if f.effect in late]  # of the inputs, among the fitted
+        late = {effect.name: effect for effect in problem.effects if effect.transform in ("inputs", "late")}
+        clocks = [
+            (i, late[f.effect]) for i, f in enumerate(problem.fitted) if f.effect is not None and f.effect in late
+        ]
+        self.delays = [i for i, effect in clocks if effect.transform == "inputs"]  # among the fitted
+        self.lates = [(i, problem.channels.index(e.target)) for i, e in clocks if e.transform == "late"]
+        self.shifts: list[Shift] = []  # of the channels that come late
         self.drive = self.layout.drive  # as the inputs act
         self.solved: _Solved | None = None  # as last found
         codes = (tuple(map(tuple, derivatives)), tuple(map(tuple, channels)))
@@ -139,6 +145,8 @@ class Stretches(Predictor):
         code = instructions(text, self.slots, self.changed)
         gain = GAIN + target.removeprefix("derivative.")
         for effect in sorted(self.problem.effects, key=lambda effect: effect.target != gain):
+            if effect.transform:
+                continue
             mine = {p.name: self.slots[f"{effect.name}.{p.name}"] for p in effect.parameters}
             if effect.target == gain:
                 code = [*code, *instructions(f"1 + ({effect.expression})", {**self.slots, **mine}, {}), MULTIPLY]
@@ -239,6 +247,10 @@ class Stretches(Predictor):
         table[self.places] = theta
         states = len(self.size)
         self.drive = self._delayed(theta)
+        self.shifts = [
+            shift_of(channel, place, float(theta[place]), self.layout.drive.time, self.layout.drive.begin)
+            for place, channel in self.lates
+        ]
         start, run = self._first(theta, table)
         assert run.slopes is not None
         damping = np.zeros(len(start))
@@ -250,7 +262,7 @@ class Stretches(Predictor):
                 break
             new = np.where(active[:, None], start + near.step(damping), start)
             other = OdeRun(np.zeros_like(run.states), np.zeros_like(run.channels), np.zeros_like(run.slopes))
-            ends = self.ode.run_some(table, self.drive, new, active, other)
+            ends = self._run(table, self.drive, new, active, other)
             there = self._near(other)
             better = active & ~ends.failed & (there.cost < near.cost)
             near.take(there, better)
@@ -282,13 +294,27 @@ class Stretches(Predictor):
                 moving[mine] = delayed(drive.time[mine], values[mine], late)
         return replace(drive, inputs=moved)
 
+    def _run(self, table: Array, drive: OdeDrive, start: Array, which: Mask, run: OdeRun) -> OdeEnds:
+        """The stretches `which` from their starts, put into `run`, channels that come late as they are recorded."""
+        ends = self.ode.run_some(table, drive, start, which, run)
+        mine = self.padded[which].reshape(-1)
+        mine = mine[mine < len(run.states)]
+        for shift in self.shifts:
+            at, by = run.channels[:, shift.channel], None if run.slopes is None else run.slopes[:, shift.channel]
+            recorded, rising = shift.of(at, mine), shift.rising(at, mine)
+            if by is not None:
+                by[mine] = shift.of(by, mine)
+                by[mine, len(self.size) + shift.place] = -rising
+            at[mine] = recorded
+        return ends
+
     def _by_delay(self, theta: Array, table: Array, place: int, start: Array, run: OdeRun) -> Array:
         """Derivative of the channels (samples, channels) by a delay, from the same starts; 0 where there is none."""
         step = DELAYED * float(np.median(np.diff(self.layout.drive.time)))
         moved = theta + step * (np.arange(len(theta)) == place)
         other = OdeRun(np.zeros_like(run.states), np.zeros_like(run.channels), None)
         every = np.ones(len(start), dtype=bool)
-        ends = self.ode.run_some(table, self._delayed(moved), start, every, other)
+        ends = self._run(table, self._delayed(moved), start, every, other)
         return np.zeros_like(run.channels) if ends.failed.any() else (other.channels - run.channels) / step
 
     def _remember(self, theta: Array, start: Array) -> None:
@@ -318,7 +344,7 @@ class Stretches(Predictor):
         steps = np.zeros(len(start), dtype=np.int64)
         for one in tried:
             start[waiting] = one[waiting]
-            ends = self.ode.run_some(table, self.drive, start, waiting, run)
+            ends = self._run(table, self.drive, start, waiting, run)
             sound = np.append((np.abs(run.slopes) < ABSURD).all(axis=(1, 2)), True)[self.padded].all(axis=1)
             steps = np.where(waiting, ends.steps, steps)
             waiting &= ends.failed | ~sound
@@ -429,6 +455,8 @@ class Stretches(Predictor):
             else:
                 change = np.zeros_like(layout.measured)
                 change[:, self.problem.channels.index(target)] = addition
+            for shift in self.shifts:
+                change[:, shift.channel] = shift.of(change[:, shift.channel])
             return self._placed(self._beyond(solved, change[..., None])[..., 0]).T
 
         return lambda features: np.array([one(feature) for feature in features])

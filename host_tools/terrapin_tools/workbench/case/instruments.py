@@ -1,23 +1,30 @@
-"""Zero points of the columns that an `equation` reads: a depth that is counted from 5 mm below the surface.
+"""Errors of instruments as effects of a case: zero points of columns, channels that come late.
 
-Each is an effect that adds a constant to what the formulas read. A column in which the formulas are linear needs none:
-there a zero point is an offset of the channel.
+A zero point adds a constant to what the formulas of an `equation` read, as a depth that is counted from 5 mm below the
+surface. A column in which the formulas are linear needs none: there a zero point is an offset of the channel.
+
+Where equations of the user's own have several channels, each may be late against the others: its logger has a clock of
+its own, or its filter takes time.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from terrapin_hil.arrays import Array
+from terrapin_hil.arrays import Array, Index
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import Expression
+from terrapin_hil.physics.signals import row_steps
 from terrapin_tools.workbench.bases import free_name
 
-__all__ = ["ZERO", "zero_points"]
+__all__ = ["INSTRUMENTS", "ZERO", "channel_delays", "zero_points"]
 
 ZERO = "zero_of_"  # before the name of the column
+LATE = "delay_of_"  # before the name of the channel
+INSTRUMENTS = ("inputs", "late")  # transforms of effects that are a matter of clocks
+LATEST = 4  # rows by which a channel may be late, for beyond the ends of a stretch its course is a guess
 USUAL = 0.03  # of the column's range, that such an error has as a rule; chosen by hand
 MOST = 0.5  # of the column's range, of such an error; chosen by hand
 STEP = 0.01  # of the range, by which a column is moved to see whether the formulas are linear in it
@@ -63,6 +70,37 @@ def zero_points(
             plant=False,
         )
     return found
+
+
+def channel_delays(channels: Sequence[str], time: Array, run: Index) -> dict[str, Effect]:
+    """Effects by name, one for each channel where there are several: one alone is late as the inputs are early.
+
+    Parameters
+    ----------
+    time : (rows,), s, rising within each run.
+    run : (rows,), numbers.
+    """
+    steps = row_steps(time, run)
+    if len(channels) < 2 or not (steps > 0.0).any():  # a time that stands still is refused elsewhere
+        return {}
+    most = LATEST * float(np.median(steps[steps > 0.0]))
+    meaning = "time by which it comes after the others; below 0, before them"
+    return {
+        LATE + name: Effect(
+            name=LATE + name,
+            title=f"Delay of {name}",
+            equation=rf"\mathrm{{{name}}}(t) \to \mathrm{{{name}}}(t - \tau)".replace("_", r"\_"),
+            source="Another logger's clock, or the time that a filter takes",
+            bases=("ode",),
+            parameters=(Parameter("delay", "s", 0.0, -most, most, meaning),),
+            needs=(),
+            target=name,
+            transform="late",
+            expression="delay",
+            plant=False,
+        )
+        for name in channels
+    }
 
 
 def _constant(change: Array) -> bool:
