@@ -22,7 +22,9 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import add_effects
 from terrapin_tools.workbench.compare.comparison import Analysis, analyse
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
+from terrapin_tools.workbench.discover.decide import Weight
 from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.discover.misfit import Step
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.fleet.fleet import Result
@@ -245,6 +247,36 @@ def test_a_constant_beside_an_effect_has_one_value_everywhere(examples: dict[str
     assert "(radius would be 0.08 m)" in story.headline
     (card,) = [one for one in story.cards if one.proposal.effect == alone.effect]
     assert (card.title, card.values["value"].value) == ("radius would be 0.08 m", 0.08)
+
+
+@pytest.mark.parametrize("verdict", ["missing", "ambiguous", "unexplained"])
+def test_an_alarm_that_may_be_a_false_one_says_so(examples: dict[str, Example], verdict: str) -> None:
+    """One null case in twenty raises it; the posterior often knew, and only a table said so."""
+    example = examples[verdict]
+    found = example.story.found
+    assert found is not None
+    told_now = {}
+    for nothing in (0.04, 0.22):
+        front = (Step((), nothing, 1.2, 1.1), *found.front[1:])
+        told_now[nothing] = told(example.analysis, replace(found, front=front)).headline
+    assert "nothing is missing" not in told_now[0.04]
+    assert told_now[0.22].endswith(" That nothing is missing has probability 0.22.")
+    assert ("Something may be missing" in told_now[0.22]) == (verdict == "ambiguous")
+
+
+def test_another_name_of_the_answer_says_whose_it_is(examples: dict[str, Example]) -> None:
+    example = examples["missing"]
+    found = example.story.found
+    assert found is not None
+    (name,) = found.missing
+    other = next(one.effect for one in found.candidates if one.effect != name)
+    weighed = (Weight("set", ((name,),), "", 0.99, (other,)), *found.weighed[1:])
+    story = told(example.analysis, replace(found, weighed=weighed))
+    (card,) = [one for one in story.cards if one.proposal.effect == other]
+    assert card.reason.startswith(f"Predicts the same as {name} on these rows, and goes by that name.")
+    assert story.found is not None
+    kept = answer.read(json.loads(to_json(answer.answer(story))))
+    assert kept.weighed[0].alike == (other,)
 
 
 @pytest.mark.parametrize("verdict", CHIPS)

@@ -8,6 +8,7 @@ from collections.abc import Collection, Mapping, Sequence
 
 from terrapin_hil.physics.expression import is_name
 from terrapin_hil.units import behind
+from terrapin_tools.workbench.compare.comparison import LEVEL
 from terrapin_tools.workbench.compare.groups import Differing
 from terrapin_tools.workbench.compare.intervals import Interval
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
@@ -237,14 +238,28 @@ def headline(found: Findings | None, lacking: bool, p: float, level: float, stra
         if found.probability < EVEN:
             return f"No alarm ({_test(p, level)}), but that nothing is missing has only probability {sure}."
         return f"The model is adequate: with probability {sure} nothing is missing ({_test(p, level)})."
+    return _missing(found, sure, missing) + _or_nothing(found)
+
+
+def _missing(found: Findings, sure: str, missing: str) -> str:
     if found.verdict == "ambiguous":
-        sets = _either([spelt(found, one) for one in found.rivals])
-        return f"Something is missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
+        sets, be = _either([spelt(found, one) for one in found.rivals]), "may be" if _or_nothing(found) else "is"
+        return f"Something {be} missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
     if found.verdict == "unexplained":
         return _unexplained(found, sure)
     if found.verdict == "partial" and found.part:
         return _partial(found, found.part, missing)
     return _lacking(found, sure, missing)
+
+
+def _or_nothing(found: Findings) -> str:
+    """What the alarm alone does not say: that it may be a false one."""
+    nothing = found.front[0].probability if found.front else 0.0
+    return _nothing(nothing) if nothing >= LEVEL else ""
+
+
+def _nothing(probability: float) -> str:
+    return f" That nothing is missing has probability {chance(probability)}."
 
 
 def _unexplained(found: Findings, sure: str) -> str:
@@ -453,10 +468,10 @@ def reason(found: Findings, one: Proposal, why_not: str) -> str:
         if len(found.missing) > 1:
             return f"Alone it takes away {share}{left}; the others take away the rest."
         return f"Takes away {share}{left}."
-    if one.explains < LITTLE:
-        return f"Takes away {share}{why_not}."
     if any(one.effect in other.alike for other in found.weighed if found.missing in other.sets):
         return f"Predicts the same as {_joined(spelt(found, found.missing))} on these rows, and goes by that name."
+    if one.explains < LITTLE:
+        return f"Takes away {share}{why_not}."
     if one.noise_ratio is not None and one.noise_ratio < NEAR_FLOOR:
         near = in_sd(one.noise_ratio)
         return f"Fits nearly as well ({near} noise sd on held-out runs), but the runs together speak against it."
@@ -503,7 +518,7 @@ def doubtful(effect: str, parameter: str, times: float) -> str:
 
 def strange_noise(probability: float | None) -> str:
     """Why a model that passed is not called adequate although nothing else is likelier; what discover adds to it."""
-    sure = "" if probability is None else f" That nothing is missing has probability {chance(probability)}."
+    sure = "" if probability is None else _nothing(probability)
     look = "a sensor that sticks or has lost its sign looks so, and a sd that is stated wrong"
     return f"It depends on nothing that was looked at. Look at the residual: {look}.{sure}"
 
