@@ -65,17 +65,20 @@ def lagged(time: Array, values: Array, constant: Array, first: Mask) -> Array:
     constant : (sets,), time constants in that unit, 0 for none.
     first : (rows,), the first row of each run, where the low-pass is settled.
     """
-    found = values.copy()
-    begin = np.flatnonzero(first)
-    length = np.diff(np.append(begin, values.shape[1]))
-    for place in range(1, int(length.max(initial=0))):
-        row = begin[length > place] + place
-        step = time[row] - time[row - 1]
-        behind = constant[:, None] * (values[:, row] - values[:, row - 1]) / step
-        with np.errstate(divide="ignore"):
-            kept = np.exp(-step / constant[:, None])
-        found[:, row] = values[:, row] - behind + kept * (found[:, row - 1] - values[:, row - 1] + behind)
-    return found
+    longest = int(np.diff(np.append(np.flatnonzero(first), values.shape[1])).max(initial=0))
+    with np.errstate(all="ignore"):  # a time constant below 0 has no numbers; a fit turns away from it
+        step = np.where(first, 1.0, np.diff(time, prepend=time[:1]))
+        before = np.concatenate([values[:, :1], values[:, :-1]], axis=1)
+        behind = constant[:, None] * np.where(first, 0.0, values - before) / step
+        kept = np.where(first, 0.0, np.exp(-step / constant[:, None]))
+        found = values - behind + kept * (behind - before)
+        # each row is `kept` of the one before it, and what is found already: rows are joined to those 1, 2, 4, ... before
+        reach = 1
+        while reach < longest:
+            found[:, reach:] = found[:, reach:] + kept[:, reach:] * found[:, :-reach]
+            kept[:, reach:] = kept[:, reach:] * kept[:, :-reach]
+            reach *= 2
+    return np.asarray(found)
 
 
 def play(time: Array, values: Array, gap: float, rate: bool = False) -> Array:

@@ -49,13 +49,13 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
             for h in standing
             if h.effects
             and frozenset(h.effects) not in looked_at | twins_of
-            and h.log_weight > best - CLOSE
+            and (h.log_weight > best - CLOSE or _hides(ranker, h))
             and not absent(h.fit, h.effects)
         ]
         if not waiting:
             break
-        centre = max(waiting, key=lambda h: h.log_weight)
-        if len(looked_at) >= CENTRES and centre.log_weight < best:
+        centre = max(waiting, key=lambda h: (_hides(ranker, h), h.log_weight))
+        if len(looked_at) >= CENTRES and centre.log_weight < best and not _hides(ranker, centre):
             break  # what lies next to the best is looked at in any case
         if _is_body(ranker):
             assert centre.fit is not None
@@ -83,6 +83,13 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 known[key] = ranker.weighed(names)
                 new.append(known[key])
     return new
+
+
+def _hides(ranker: Ranker, one: Hypothesis) -> bool:
+    """Whether it is a column of the user's own equations in another unit: what is missing beside it may be large, and
+    shows only then."""
+    faults = [ranker.faults[name] for name in one.effects if name in ranker.faults]
+    return ranker.case.dynamics is not None and len(one.effects) == 1 and any(f.factor != 1.0 for f in faults)
 
 
 def _is_body(ranker: Ranker) -> bool:

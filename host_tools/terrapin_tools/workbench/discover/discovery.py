@@ -38,7 +38,7 @@ from terrapin_tools.workbench.discover.decide import (
     weights,
     with_curves,
 )
-from terrapin_tools.workbench.discover.leftover import Doubts, around, doubts, noise_left, sd_of, stand_alone
+from terrapin_tools.workbench.discover.leftover import CLEARLY, Doubts, around, doubts, noise_left, sd_of, stand_alone
 from terrapin_tools.workbench.discover.misfit import Part, Step, front, importance, part_of
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking, rank
@@ -173,6 +173,7 @@ def decided(
     """What is said of what was weighed."""
     report("does it bring the model to the noise floor?")
     analysis, ranking, said = _said(found, level)
+    said = _ahead(found.whole[0].case, ranking, said, seed, level)
     top, verdict, rivals = next(iter(said.told), None), said.verdict, said.told
     missing = top.effects if top is not None else ()
     doubted = doubts(analysis, top.fit if top is not None and top.fit is not None else analysis.fit)
@@ -221,6 +222,19 @@ def _said(found: Weighed, level: float) -> tuple[Analysis, Ranking, Decision]:
         if other.verdict in ("unexplained", "partial"):
             return *found.whole, other
     return found.analysis, found.ranking, said
+
+
+def _ahead(case: Case, ranking: Ranking, said: Decision, seed: int, level: float) -> Decision:
+    """What compare would say with the answer in the model: that nothing else is missing is not said where it surely
+    raises an alarm then. While something was missing, what else is wrong may have passed for a kind of noise."""
+    known = {**case.library, **ranking.expressions}
+    if said.verdict != "missing" or any(name not in known for name in said.told[0].effects):
+        return said
+    with_it = replace(case, library=known, effects=(*case.effects, *said.told[0].effects))
+    p_value = analyse(with_it, seed, level).adequacy.p_value
+    if p_value >= level / CLEARLY:
+        return said
+    return replace(said, verdict="partial", probability=calibrated(1.0 - p_value, "partial"))
 
 
 def _telling_apart(analysis: Analysis, ranking: Ranking, rivals: Sequence[Hypothesis]) -> Experiment | None:

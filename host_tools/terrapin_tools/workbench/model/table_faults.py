@@ -114,8 +114,8 @@ def _scales(case: Case, name: str) -> list[Fault]:
 
 def faults_over_time(case: Case, misfit: Callable[[Fault | None], float]) -> list[Fault]:
     """Scales of the channels of a model that integrates over a run, where each refit takes long, and of the inputs of
-    the user's own equations: of each column the one that takes most of the misfit, if it halves it. `misfit`: with a
-    fault and the parameters as stated."""
+    the user's own equations: of each column the one that takes most of the misfit, if it halves it. `misfit`: that of
+    a fit with a fault, or without one, on some of the rows."""
     found, driven = [], _driven(case)
     for name in (*case.channels, *driven):
         usual = [fault for fault in _scales(case, name) if not fault.cost]

@@ -108,7 +108,9 @@ class Evidence:
     def likeliest(self) -> tuple[Node, float]:
         """The kind of noise that is likeliest if nothing is missing, and the sd of a row in it."""
         place = int(np.argmax(self.start + self.fit_term(self.total)))
-        return self.node(place), float(np.sqrt((self.behind + self.total[place]) / (self.behind + self.freedom)))
+        return self.node(place), float(
+            np.sqrt((self.behind + self.total[place]) / max(self.behind + self.freedom, 1.0))
+        )
 
     def of_few(self) -> Evidence:
         """The same with two kinds of noise: white, and the likeliest one if nothing is missing."""
