@@ -177,6 +177,49 @@ def test_a_current_that_lost_its_sign_is_noticed(tmp_path: Path) -> None:
     assert "current has one sign only although omega takes both" in remark
 
 
+def bench(copies: int = 1, twice: bool = False) -> dict[str, object]:
+    """Six runs on a bench; then the first `copies` - 1 of them under other names, or all rows once more."""
+    draw = np.random.default_rng(3)
+    run, w = np.repeat(np.arange(6), 20), draw.uniform(1.0, 9.0, 120)
+    found = {"run": run, "w": w, "M": 2.0 + 0.5 * w + draw.normal(0.0, 0.1, 120)}
+    again = [np.flatnonzero(run == k) for k in range(copies - 1)] + [np.arange(120)] * twice
+    for k, rows in enumerate(again):
+        more = {"run": np.full(len(rows), 10 + k) if not twice else run[rows], "w": w[rows], "M": found["M"][rows]}
+        found = {name: np.concatenate([values, more[name]]) for name, values in found.items()}
+    return dict(found)
+
+
+def on_bench(columns: dict[str, object], **more: str) -> Case:
+    units = {"w": "rad/s", "M": "N m", **more}
+    fit = {"a": (0.0, -9.0, 9.0, "N m"), "b": (1.0, -9.0, 9.0, "N m s/rad")}
+    return Case.from_table(columns, run="run", units=units, equation={"M": "a + b*w"}, fit=fit)
+
+
+def test_a_run_that_was_copied_is_told() -> None:
+    """All runs twice under other names: sds a million times too small, held-out errors of 12000 noise sd, no word."""
+    said = on_bench(bench(copies=3)).compare().as_dict()["intake"]["remarks"]
+    assert said[0].startswith(
+        "The numbers of run 10 are those of run 0, row by row, and 1 more run holds copies: leave"
+    )
+    said = on_bench(bench(twice=True)).compare().as_dict()["intake"]["remarks"]
+    assert said[0].startswith("The numbers of run 0 are its first 20 rows twice, and 5 more runs hold copies: leave")
+    assert "intake" not in on_bench(bench()).compare().as_dict()
+    coarse = bench()  # an instrument's steps: equal rows, of which none tells anything
+    coarse |= {"w": np.ones(120), "M": np.tile([2.0, 2.5], 60)}
+    assert "intake" not in on_bench(coarse).compare().as_dict()
+
+
+@pytest.mark.parametrize("mapped", [True, False])
+def test_a_column_that_was_computed_from_the_answer_is_told(mapped: bool) -> None:
+    """k*F, found with probability 0.99 and 5e-11 noise sd left: rounded as a file has it, with a unit and without."""
+    columns = bench()
+    columns["F"] = np.round(np.asarray(columns["M"]) / 0.15, 3)
+    (said,) = on_bench(columns, **({"F": "N"} if mapped else {})).compare().as_dict()["intake"]["remarks"]
+    assert said.startswith("F is M over again, times a number")
+    columns["F"] = np.asarray(columns["F"]) + np.random.default_rng(1).normal(0.0, 0.02, 120)
+    assert "intake" not in on_bench(columns).compare().as_dict()
+
+
 def table(folder: Path, seed: int = 1, names: str = "abcdef") -> Path:
     """A table of rolling with a run for each letter."""
     made = rolling(folder / f"made_{seed}", seed, runs=len(names), rows=8)

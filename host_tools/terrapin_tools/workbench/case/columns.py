@@ -21,7 +21,17 @@ from terrapin_tools.workbench.bases import CHANNELS, ROLES, Base
 from terrapin_tools.workbench.bases.kinds.names import formula_name
 from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
-from terrapin_tools.workbench.case.intake import Mapped, assumed, converted, gaps, headings, ungrouped, unsigned
+from terrapin_tools.workbench.case.intake import (
+    Mapped,
+    assumed,
+    converted,
+    copied,
+    echoes,
+    gaps,
+    headings,
+    ungrouped,
+    unsigned,
+)
 from terrapin_tools.workbench.case.mechanics import is_of, role_of_unit
 from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told_mends
 from terrapin_tools.workbench.derived.columns import derive, inputs
@@ -118,10 +128,15 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     kinds = [name for name, count in text.items() if 1 < count < len(run_names)]
     left_out = gaps(columns, whole, sparse, place, {*names} - {*run_names})
     remarks = [*assumed(loaded), *derived, *left_out, *told_mends(mends), *converted(mapped)]
-    remarks += [*other, *unsigned(values, _told(mapped)), *ungrouped(kinds)]
+    channels = {e.name: values[e.name] for e in mapped if e.channel}
+    causes = {name for formula in equations.values() for name in formula.names} if equations else values
+    beside = {e.name: values[e.name] for e in mapped if not e.channel and formula_name(e.name) not in causes}
+    beside |= {name: column[rows] for name, column in extra.items()}
+    remarks += [*other, *unsigned(values, _told(mapped)), *copied(list(values.values()), run, run_names)]
+    remarks += [*echoes(channels, beside), *ungrouped(kinds)]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},
-        channels={e.name: values[e.name] for e in mapped if e.channel},
+        channels=channels,
         sigma={e.name: e.sigma for e in mapped if e.channel},
         units={e.name: e.canonical for e in mapped},
         extra={name: column[rows] for name, column in extra.items()} | membership(groups, {*values, *extra}),

@@ -8,20 +8,24 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.arrays import Array, Index, Mask
 from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.files.format import meant, parted
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, in_si, spelling, turns
 
 __all__ = [
-    "BOTH_WAYS", "MARK", "Mapped", "assumed", "beyond", "converted", "gaps", "guesses", "headings", "ungrouped",
-    "unsigned",
+    "BOTH_WAYS", "MARK", "Mapped", "assumed", "beyond", "converted", "copied", "echoes", "gaps", "guesses", "headings",
+    "ungrouped", "unsigned",
 ]  # fmt: skip
 
 MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
 LONGEST = 1 << 12  # bytes of that line
 ROUNDED = 1.05  # values are given with two digits
+TELLING = 8  # different rows in one order, from which on they agree by no chance; fewer may be an instrument's steps
+ECHO = (
+    1e-4  # of a channel's scatter: what a straight line of another column leaves, if it was computed from it; rounded
+)
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
 
@@ -128,6 +132,49 @@ def unsigned(values: Mapping[str, Array], told: Mapping[str, str]) -> list[str]:
     if min(forward, backward) < BOTH_WAYS or not ((values[current] >= 0.0).all() or (values[current] <= 0.0).all()):
         return []
     return [f"{current} has one sign only although {speed} takes both: it seems to be a magnitude that lost its sign."]
+
+
+def copied(columns: Sequence[Array], run: Index, names: Sequence[str]) -> list[str]:
+    """Runs with the same numbers as another one in every row and mapped column, or with the same rows twice over: a
+    measurement that was pasted in twice. Its repeats have no scatter, so that it passes for one without noise."""
+    cells = np.column_stack(columns)
+    order = np.argsort(run, kind="stable")
+    first: dict[bytes, str] = {}
+    found = []
+    for rows in np.split(order, np.flatnonzero(np.diff(run[order])) + 1):
+        name, content = names[run[rows[0]]], cells[rows].tobytes()
+        half = content[: len(content) // 2]
+        twice = len(rows) % 2 == 0 and content == 2 * half
+        other = first.setdefault(content, name)
+        if (twice or other != name) and len(np.unique(cells[rows], axis=0)) >= TELLING:
+            same = f"its first {len(rows) // 2} rows twice" if twice else f"those of run {other}, row by row"
+            found.append(f"The numbers of run {name} are {same}")
+    if not found:
+        return []
+    others = "1 more run holds" if len(found) == 2 else f"{len(found) - 1} more runs hold"
+    more = f", and {others} copies" if found[1:] else ""
+    why = "their scatter is none, so the noise and every sd come out far too small, and a held-out copy tests nothing"
+    return [f"{found[0]}{more}: leave copies of a measurement out; {why}."]
+
+
+def echoes(channels: Mapping[str, Array], beside: Mapping[str, Array]) -> list[str]:
+    """Columns that the model does not read and that are a channel over again, times a number and with an offset."""
+    found = []
+    for channel, measured in channels.items():
+        scatter = measured - measured.mean()
+        size = float(np.linalg.norm(scatter))
+        for name, column in beside.items():
+            own = column - column.mean()
+            length = float(np.linalg.norm(own))
+            if len(scatter) < TELLING or not (0.0 < size < np.inf and 0.0 < length < np.inf):
+                continue
+            own = own / length
+            if np.linalg.norm(scatter - (own @ scatter) * own) < ECHO * size:
+                found.append(
+                    f"{name} is {channel} over again, times a number: what is computed from the answer explains it and "
+                    f"causes nothing. Leave {name} out ([data] ignore) before you believe a term with it."
+                )
+    return found
 
 
 def beyond(parameters: Mapping[str, float]) -> list[str]:
