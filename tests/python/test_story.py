@@ -230,6 +230,14 @@ def test_every_teller_says_the_same(examples: dict[str, Example], verdict: str, 
     check(CHIPS[verdict], examples[verdict], TELLERS[teller](examples[verdict]))
 
 
+def test_where_most_is_left_has_its_unit(examples: dict[str, Example]) -> None:
+    example = examples["partial"]
+    assert example.story.found is not None
+    part = Part(0.97, 1.7, Place("temperature", 42.3, 44.5, "current", -1.5))
+    headline = told(example.analysis, replace(example.story.found, part=part)).headline
+    assert "largest at temperature 42.3 to 44.5 degC." in headline
+
+
 def test_a_constant_beside_an_effect_has_one_value_everywhere(examples: dict[str, Example]) -> None:
     """That of both together: the headline had the one that the constant has alone."""
     example = examples["missing"]

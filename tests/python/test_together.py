@@ -15,6 +15,7 @@ from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare import together as module
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.compare.together import together
+from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.answer import answer
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import null_directions
@@ -48,6 +49,15 @@ def test_what_is_determined_is_not_named_and_what_is_not_is_told(tmp_path: Path)
     assert list(tied["parameters"]) == ["a", "b", "c"]
     assert [known["formula"] for known in tied["determined"]] == ["a/c", "b/c"]
     assert np.isfinite(tied["determined"][0]["sd"])
+
+
+def test_what_is_determined_has_its_unit() -> None:
+    """`b + 46.98*f_r = 2.2499 +- 0.0018` said nothing of N s/m."""
+    both = (module.Determined("b + 46.98*f_r", 2.25, 0.01, near=False), module.Determined("f_r/b", 3.0, 0.1, near=True))
+    said = sentences.not_apart(module.Together(("f_r", "b"), both), {"b": "N s/m", "f_r": "1"})
+    assert "b + 46.98*f_r = 2.250 ± 0.010 N s/m; f_r/b = 3.00 ± 0.10 m/N/s, near these values." in said
+    assert "f_r/b = 3.00 ± 0.10, near" in sentences.not_apart(module.Together(("f_r", "b"), both), {})
+    assert doctest.testmod(sentences).failed == 0
 
 
 @pytest.mark.parametrize("wrong", ["prediction", "derivatives"])

@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 
-from terrapin_hil.physics.expression import is_name
+from terrapin_hil.physics.expression import is_name, parse
 from terrapin_hil.units import behind
 from terrapin_tools.workbench.compare.comparison import LEVEL
 from terrapin_tools.workbench.compare.groups import Differing
@@ -225,9 +225,16 @@ def chip(verdict: str, probability: float | None, strange: Collection[str], mish
     return CHIPS["doubtful" if doubtful else verdict]
 
 
-def headline(found: Findings | None, lacking: bool, p: float, level: float, strange: Sequence[str] = ()) -> str:
+def headline(
+    found: Findings | None,
+    lacking: bool,
+    p: float,
+    level: float,
+    strange: Sequence[str] = (),
+    units: Mapping[str, str] | None = None,
+) -> str:
     """The verdict in one sentence, with its probability where discover says it; `strange` are channels of which far
-    more than the stated noise is left."""
+    more than the stated noise is left; `units` are those of the columns."""
     if strange and not lacking:
         what = f"No alarm ({_test(p, level)}), but what is left in {_joined(strange)} is far more than the stated noise"
         return f"{what}."
@@ -248,7 +255,7 @@ def _missing(found: Findings, sure: str, missing: str) -> str:
     if found.verdict == "unexplained":
         return _unexplained(found, sure)
     if found.verdict == "partial" and found.part:
-        return _partial(found, found.part, missing)
+        return _partial(found, found.part, missing, units or {})
     return _lacking(found, sure, missing)
 
 
@@ -286,7 +293,7 @@ def _lacking(found: Findings, sure: str, missing: str) -> str:
     return f"With probability {sure} {beside} has a fault ({what}){fall}."
 
 
-def _partial(found: Findings, part: Part, missing: str) -> str:
+def _partial(found: Findings, part: Part, missing: str, units: Mapping[str, str]) -> str:
     """What is named, how much of the misfit that is, and what is left where."""
     if found.unknown:
         more = _curve(found.unknown, found.probability, "beside it the model")
@@ -302,7 +309,7 @@ def _partial(found: Findings, part: Part, missing: str) -> str:
             f"looked at, but is {stated}: that sd is wrong, or something is missing that shows in all rows alike. That "
             f"nothing else is missing has probability {chance(1.0 - found.probability)}."
         )
-    at = f"{part.at.variable} {span(part.at.low, part.at.high)}"
+    at = f"{part.at.variable} {span(part.at.low, part.at.high)}{behind(units.get(part.at.variable, ''))}"
     return (
         f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; {in_sd(part.left)} noise sd are left in all, "
         f"largest at {at}. {more}"
@@ -559,14 +566,32 @@ def noise_told(one: NoiseFinding, unit: str) -> str:
     return f"{what} (probability {chance(one.probability)})."
 
 
-def not_apart(one: Together) -> str:
-    """What of some parameters is determined."""
+def not_apart(one: Together, units: Mapping[str, str]) -> str:
+    """What of some parameters is determined; `units` are those of the parameters. A sum is in the unit of its first
+    term, which has no factor."""
     known = [
-        f"{d.formula} = {amount(Value(d.value, d.sd, '1'))}{', near these values' if d.near else ''}"
+        f"{d.formula} = {amount(Value(d.value, d.sd, _combined(d.formula, units)))}"
+        f"{', near these values' if d.near else ''}"
         for d in one.determined
     ]
     names = f"{', '.join(one.parameters[:-1])} and {one.parameters[-1]}"
     return f"These data do not tell {names} apart; of them they determine {'; '.join(known) or 'nothing'}."
+
+
+def _combined(formula: str, units: Mapping[str, str]) -> str:
+    """The unit of a combination of parameters, "1" where it is not known.
+
+    >>> _combined("b + 46.98*f", {"b": "N s/m", "f": "1"}), _combined("c/a^2", {"a": "s", "c": "V"})
+    ('N s/m', 'V/s^2')
+    """
+    first = formula.split(" ")[0]
+    if first in units:
+        return units[first]
+    try:
+        found = f"{parse(first.replace('^', '**')).unit(units):~}"
+    except (KeyError, ValueError):
+        return "1"
+    return found.replace(" ** ", "^").replace(" * ", " ").replace(" / ", "/") or "1"
 
 
 def unchecked(effect: str, bare: Sequence[str]) -> str:

@@ -72,7 +72,7 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         p_value=p,
         level=analysis.level,
         chip=sentences.chip(verdict, found.probability if found else None, strange, bool(found and found.blamed)),
-        headline=sentences.headline(found, analysis.missing, p, analysis.level, strange),
+        headline=sentences.headline(found, analysis.missing, p, analysis.level, strange, case.units),
         alarm=sentences.alarm(analysis.missing, p, analysis.level) if found and analysis.missing else "",
         where=tuple(replace(p, sentence=sentences.place(p, case.units.get(p.variable, ""))) for p in where),
         notes=tuple(_notes(analysis, found, noise, sigma, goals, tied)),
@@ -131,7 +131,8 @@ def _notes(
         effect = case.library[name]
         if effect.source == OWN and (bare := without_unit(effect, case.base, given)):
             yield sentences.unchecked(name, bare)
-    yield from (sentences.not_apart(one) for one in tied)
+    own = {one.key: one.unit for one in analysis.fit.model.fitted if one.unit}
+    yield from (sentences.not_apart(one, own) for one in tied)
     if noise.strange and not analysis.missing:
         yield sentences.strange_noise(found.probability if found else None)
     yield from found.remarks if found else ()
