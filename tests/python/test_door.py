@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 import tomllib
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -199,6 +200,58 @@ def test_prediction_knows_its_sd(case: terrapin.Case, answer: terrapin.Answer) -
     assert 0.5 < mean_square < 1.7  # 40 tables of 2 parameters: 4 sd of a chi-square of 80, over 80
     with_all = case.add(answer.missing).predict(bench().head(3))
     assert with_all["M"].to_numpy() == pytest.approx(10.0 + 0.02 * bench()["w"].head(3), abs=0.1)
+
+
+def test_a_prediction_beside_what_was_measured_is_told(case: terrapin.Case, answer: terrapin.Answer) -> None:
+    """A torque at 4000 degC came without a word, and with a small sd."""
+    with pytest.warns(
+        UserWarning, match=r"1 of 2 rows lie outside .*: temp 4000 degC, fitted on 25 to 66.18 degC"
+    ) as told:
+        case.add(answer.missing).predict({"w": [300.0, 310.0], "temp": [4000.0, 60.0]})
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        case.add(answer.missing).predict({"w": [95.0], "temp": [66.5]})  # what the model reads, and hardly beside it
+        case.predict({"w": [300.0], "temp": [4000.0]})
+
+
+def test_a_prediction_needs_what_the_model_reads() -> None:
+    """An unmapped column of a formula was complained about with a line of case.toml; a time that no term of
+    rolling_steady reads was asked for."""
+    columns = bench().assign(day=1.0 + (bench()["run"] > 2))
+    made = terrapin.Case.from_table(columns, run="run", units=UNITS, equation={"M": "a + b*w"}, fit=FIT)
+    made = made.add(terrapin.Effect("of_day", "k*day", k=(0.0, -1.0, 1.0, "N m")))
+    new = {"w": [300.0, 400.0]}
+    with pytest.raises(terrapin.errors.InputError, match=r"^column day: is missing, expected it: the model needs day$"):
+        made.predict(new)
+    with pytest.raises(terrapin.errors.InputError, match=r"^column day: has a gap"):
+        made.predict({**new, "day": [1.0, np.nan]})
+    assert made.predict({**new, "day": [1.0, 2.0]}).num_rows == 2
+    steady = terrapin.Case.example("heated_motor")
+    table = steady.table()
+    bare = table.select([n for n in table.column_names if n in ("omega", "load")])
+    wanted = steady.predict(table)["current"].to_numpy()
+    np.testing.assert_array_equal(steady.predict(bare)["current"].to_numpy(), wanted)
+    with pytest.raises(terrapin.errors.InputError, match="the model needs temperature"):
+        steady.add("motor_heating").predict(bare)
+    roles = {"w": "speed", "t": "time"}
+    timed = bench().assign(t=np.tile(np.arange(60.0), 6))
+    late = terrapin.Case.from_table(
+        timed, run="run", units={**UNITS, "t": "s"}, equation={"M": "a + b*w"}, fit=FIT, roles=roles
+    ).add("sensor_lag")
+    with pytest.raises(terrapin.errors.InputError, match="the model needs t"):
+        late.predict({"w": np.linspace(300.0, 400.0, 9)})
+
+
+def test_what_is_given_as_one_is_a_list_of_one_and_no_bound_may_be_infinite() -> None:
+    given: dict[str, Any] = {"run": "run", "units": UNITS, "equation": {"M": "a + b*w"}}
+    fit = {"a": (np.float32(0.0), -np.inf, np.inf, "N m"), "b": (np.int64(0), None, None, "N m s/rad")}
+    made = terrapin.Case.from_table(bench(), fit=fit, train="3", effects="offset", roles={"w": "speed"}, **given)
+    assert (made.effects, len(made.held_out)) == (("offset",), 5)
+    assert "min" not in tomllib.loads(made.text)["fit"]["a"]
+    table = bench().assign(note=["hand on it", *range(359)])  # words and numbers, which nothing reads
+    assert terrapin.Case.from_table(table, fit=FIT, **given).rows == 360
 
 
 def test_a_parameter_has_its_bounds(case: terrapin.Case, answer: terrapin.Answer) -> None:
@@ -389,6 +442,13 @@ WRONG: list[tuple[dict[str, Any], str]] = [
     ({"fit": {"a": "much", "b": 1.0}}, "fit: a: found 'much', expected START"),
     ({"base": "rolling"}, "base: found 'rolling', expected one of"),
     ({"table": 3}, "table: found a int, expected a DataFrame"),
+    ({"table": bench().assign(M=["off", *bench()["M"][1:]])}, "table: row 1: column M: found text 'off', expected"),
+    ({"table": {"w": 1.0, "M": [1.0]}}, "table: column w: found 1.0, expected an array: [1.0]"),
+    ({"equation": "M = a + b*w"}, "equation: found 'M = a + b*w', expected a mapping: equation={NAME: ...}"),
+    ({"fit": ["a", "b"]}, "fit: found ['a', 'b'], expected a mapping"),
+    ({"noise": 0.1}, "noise: found 0.1, expected a mapping"),
+    ({"roles": "speed"}, "roles: found 'speed', expected a mapping"),
+    ({"units": {"w": 3}}, "units: w: found 3, expected texts"),
     ({"table": pd.DataFrame(np.ones((3, 2)), columns=["w", "w"])}, "table: "),
     ({"table": pyarrow.Table.from_arrays([[1.0], [2.0]], names=["w", "w"])}, "column 'w' stands twice, expected once"),
     ({"table": {"w": [], "M": []}}, "table: found 0 rows"),
@@ -455,7 +515,11 @@ def test_other_complaints(case: terrapin.Case, tmp_path: Path) -> None:
         (lambda: case.plot("pie"), "plot: found 'pie', expected one of residual, prediction, ladder"),
         (lambda: case.plot(against="colour"), "against: found 'colour', expected one of"),
         (lambda: case.plot(channel="x"), "channel: found 'x', expected one of M"),
-        (lambda: case.compare(level=2.0), "level 2"),
+        (lambda: case.compare(level=2.0), "level: found 2.0, expected a number between 0 and 1"),
+        (lambda: case.compare(level="0.05"), "level: found '0.05', expected a number"),  # type: ignore[arg-type]
+        (lambda: case.discover(seed=1.5), "seed: found 1.5, expected a whole number"),  # type: ignore[arg-type]
+        (lambda: case.discover(bootstrap=-1), "bootstrap: found -1, expected a whole number"),
+        (lambda: case.add(None), "add: found None, expected the name of an effect"),  # type: ignore[arg-type]
         (lambda: terrapin.Case.load(tmp_path / "no"), "no such file, expected a case folder"),
         (lambda: terrapin.Case.from_table(bench(), fit={"a": 1.0}), "equation: found none, expected a formula"),
         (lambda: terrapin.Case.example("no"), "example: found 'no', expected one of"),

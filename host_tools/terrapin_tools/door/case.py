@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from numbers import Integral, Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, final
 
@@ -107,7 +108,7 @@ class Case:
             whose unit is told is taken, whether the equation names it or not; answers say which are in no formula.
             Here and below a column is named by its heading as it is written, or by its bare name: `D [mm]` or `D`.
         equation : channel -> formula, of base "equation".
-        fit : fitted name -> START, (START, MIN, MAX) or (START, MIN, MAX, UNIT).
+        fit : fitted name -> START, (START, MIN, MAX) or (START, MIN, MAX, UNIT); a bound is None where there is none.
         constants : known name -> number in SI, (NUMBER, UNIT) or "80 mm".
         columns : name in the model -> column, where they differ.
         roles : name in the model -> what it is, of base "equation": speed, position, acceleration, temperature,
@@ -306,6 +307,10 @@ class Case:
         ------
         errors.InputError : a column is missing, has a gap or a unit of another kind, or a row has no prediction.
 
+        Warns
+        -----
+        UserWarning : a row lies outside the rows that the model was fitted on; no sd tells what that costs.
+
         >>> case = Case.example("heated_motor")
         >>> case.predict(case.table().slice(0, 3)).column_names
         ['current', 'current_sd', 'current_noise_sd']
@@ -343,7 +348,11 @@ class Case:
         """
         from terrapin_tools.workbench.story.change import with_effects
 
-        names = [one for given in effects for one in ([given] if isinstance(given, str) else given)]
+        listed = ([given] if isinstance(given, str) or not isinstance(given, Iterable) else given for given in effects)
+        names = [one for given in listed for one in given]
+        for one in names:
+            if not isinstance(one, str):
+                raise UserError(f"add: found {one!r}, expected the name of an effect, or an Effect")
         if not names:
             raise UserError("add: found no effect, expected one at least")
         own = {str(one): one.own for one in names if isinstance(one, Effect) and one.own is not None}
@@ -419,8 +428,12 @@ class Case:
     ) -> tuple[Analysis, Story]:
         from terrapin_tools.workbench.fleet.fleet import Question, examine
 
-        if seed < 0 or not 0.0 < level < 1.0 or bootstrap < 0:
-            raise UserError(f"found seed {seed}, level {level:g}, bootstrap {bootstrap}, expected 0 up, 0 to 1, 0 up")
+        for name, count in (("seed", seed), ("bootstrap", bootstrap)):
+            if not isinstance(count, Integral) or count < 0:
+                raise UserError(f"{name}: found {count!r}, expected a whole number from 0 up")
+        if not isinstance(level, Real) or not 0.0 < level < 1.0:
+            raise UserError(f"level: found {level!r}, expected a number between 0 and 1")
+        seed, level, bootstrap = int(seed), float(level), int(bootstrap)
         key = (command, seed, level, intervals)
         if bootstrap or key not in self._known:
             with _shown(progress if command == "discover" or intervals else lambda _: None) as report:

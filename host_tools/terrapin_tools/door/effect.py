@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from math import isinf
+from numbers import Real
 from typing import Any
 
 from terrapin_tools.door.named import Named
@@ -11,23 +13,21 @@ from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 
 __all__ = ["Effect", "numbers"]
 
-Number = float | int
-
 
 def numbers(name: str, given: Any) -> tuple[float, float | None, float | None, str]:
-    """START, or (START, MIN, MAX) or (START, MIN, MAX, UNIT). UserError names `name`."""
+    """START, or (START, MIN, MAX) or (START, MIN, MAX, UNIT); a bound is None where there is none, as it is where one
+    is infinite. UserError names `name`."""
     shape = "START, (START, MIN, MAX) or (START, MIN, MAX, UNIT)"
     parts = list(given) if isinstance(given, tuple | list) else [given]
     if len(parts) not in (1, 3, 4):
         raise UserError(f"{name}: found {given!r}, expected {shape}")
     values = [*parts[:3], None, None][:3]
     unit = parts[3] if len(parts) == 4 else ""
-    sound = all(isinstance(v, Number) and not isinstance(v, bool) for v in values if v is not None)
+    sound = all(isinstance(v, Real) and not isinstance(v, bool) for v in values if v is not None)
     if not sound or values[0] is None or not isinstance(unit, str):
         raise UserError(f"{name}: found {given!r}, expected {shape}")
-    start, low, high = (None if v is None else float(v) for v in values)
-    assert start is not None
-    return start, low, high, unit
+    low, high = (None if v is None or isinf(v) else float(v) for v in values[1:])
+    return float(values[0]), low, high, unit
 
 
 class Effect(str):

@@ -14,6 +14,7 @@ import tomlkit
 
 from terrapin_hil.physics.expression import is_name, parse
 from terrapin_hil.physics.mechanics import ROLES
+from terrapin_hil.reading import shorten
 from terrapin_hil.robots import select
 from terrapin_tools.door.effect import numbers
 from terrapin_tools.errors import UserError
@@ -63,6 +64,10 @@ def case_of(
     title: str,
 ) -> Case:
     """See `terrapin_tools.Case.from_table`. UserError names the argument that is wrong."""
+    _check_shapes(columns=columns, roles=roles, units=units, equation=equation)
+    _check_shapes(noise=noise, constants=constants, fit=fit, limits=limits, each=object)
+    effects = [effects] if isinstance(effects, str) else effects
+    train, test = ([one] if isinstance(one, str) else one for one in (train, test))
     table, told = table_of(source)
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
@@ -112,6 +117,16 @@ def case_of(
     except UserError as error:  # the line of a file that is not there says nothing
         place, _, rest = str(error).partition(": ")
         raise UserError(rest if place.startswith("case.toml:") else str(error), error.status) from None
+
+
+def _check_shapes(each: type = str, **given: object) -> None:
+    """UserError unless each argument maps names to what is `each`."""
+    for option, value in given.items():
+        if not isinstance(value, Mapping):
+            raise UserError(f"{option}: found {shorten(value)}, expected a mapping: {option}={{NAME: ...}}")
+        for name, one in value.items():
+            if not isinstance(name, str) or not isinstance(one, each):
+                raise UserError(f"{option}: {name}: found {shorten(one)}, expected texts: {{'NAME': '...'}}")
 
 
 def _names_in(formula: str) -> Collection[str]:

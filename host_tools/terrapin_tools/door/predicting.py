@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from typing import Any
 
@@ -10,8 +11,10 @@ import tomlkit
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.expression import parse
+from terrapin_hil.units import behind
 from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic
 from terrapin_tools.workbench.case.case import Case, parse_case
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.files.arrow_tables import labelled
@@ -23,6 +26,8 @@ from terrapin_tools.workbench.model.fitting import covariance
 __all__ = ["parameter_covariance", "predicted"]
 
 FILE = "new.parquet"
+BESIDE = 0.1  # of a column's range, by which new rows may lie beside it unsaid
+STACK = 5  # calls from a warning to the caller of `Case.predict`
 
 
 def parameter_covariance(analysis: Analysis) -> Array:
@@ -51,6 +56,7 @@ def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
                 f"column {one.by}: found {', '.join(new.groups[one.by].names)}, expected all of "
                 f"{', '.join(case.groups[one.by].names)}: {one.name} has a value for each"
             )
+    _warn_outside(case, new)
     values, slopes = model.bind(new.inputs, np.ones(new.rows, dtype=bool)).jacobian(analysis.fit.theta)
     if not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values).all(axis=0))[0])
@@ -87,6 +93,11 @@ def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
             columns[column] = np.zeros(table.rows)
         if column not in columns:
             raise UserError(f"column {column}: is missing, expected it: the model needs {name}")
+    for name in sorted(_read_by_formulas(case)):
+        if name not in columns:
+            raise UserError(f"column {name}: is missing, expected it: the model needs {name}")
+        if np.isnan(table.numbers(name, gaps=True)).any():
+            raise UserError(f"column {name}: has a gap, expected a number in every row: the model needs {name}")
     run = str(data.get("run", ""))
     if run and run not in columns:
         columns[run] = np.full(table.rows, "new")
@@ -101,10 +112,36 @@ def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
 
 def _needed(case: Case) -> set[str]:
     """Names of [data.columns] that the model reads: channels are read where a run's own motion starts from them."""
+    effects = [case.library[name] for name in case.effects]
     if case.base.whole_runs or case.dynamics is not None:
         return {*case.roles, *case.channels}
-    if not case.base.own_names:
-        return {*case.roles}
+    reads = case.base.reads() if isinstance(case.base, Algebraic) else None
+    if any(one.transform for one in effects) or (reads is None and not case.base.own_names):
+        return {*case.roles}  # a lag reads the time, which its formula does not name
+    used = {*(reads or ())} | {name for formula in case.equations.values() for name in formula.names}
+    used = used.union(*(parse(one.expression).names for one in effects))
+    return {name for name in case.roles if formula_name(name) in used or name in used}
+
+
+def _read_by_formulas(case: Case) -> set[str]:
+    """Unmapped columns that formulas of the model name."""
     formulas = [*case.equations.values(), *(parse(case.library[name].expression) for name in case.effects)]
-    used = {name for formula in formulas for name in formula.names}
-    return {name for name in case.roles if formula_name(name) in used}
+    return case.extra.keys() & {name for formula in formulas for name in formula.names}
+
+
+def _warn_outside(case: Case, new: Case) -> None:
+    """Says where new rows lie beside those that the model was fitted on, by more than a part of their range."""
+    for name in sorted({*_needed(case) - {*case.channels, "time"}, *_read_by_formulas(case)}):
+        key = formula_name(name) if name in case.roles else name
+        known, asked = case.inputs[key][case.train], new.inputs[key]
+        low, high = float(known.min()), float(known.max())
+        off = np.maximum(low - asked, asked - high)
+        row = int(np.argmax(off))
+        if off[row] > BESIDE * (high - low):
+            unit = behind(case.units.get(name, ""))
+            count = int((off > BESIDE * (high - low)).sum())
+            warnings.warn(
+                f"{count} of {new.rows} rows lie outside what the model was fitted on: {name} {asked[row]:.4g}{unit}, "
+                f"fitted on {low:.4g} to {high:.4g}{unit}",
+                stacklevel=STACK,
+            )

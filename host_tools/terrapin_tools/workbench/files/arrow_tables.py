@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -45,14 +45,33 @@ def _arrow(source: object, name: str) -> Any:
     import pyarrow.interchange
 
     try:
+        if isinstance(source, Mapping):
+            for one, values in source.items():
+                if isinstance(values, str) or not isinstance(values, Iterable):
+                    raise UserError(f"{name}: column {one}: found {values!r}, expected an array: [{values!r}]")
         if hasattr(source, "__arrow_c_stream__") or isinstance(source, Mapping):
-            return pyarrow.table(source)
+            return pyarrow.table(_with_text(source))
         if hasattr(source, "__dataframe__"):
             return pyarrow.interchange.from_dataframe(source)
     except (pyarrow.ArrowException, ValueError, TypeError, NotImplementedError) as error:
         why = next(iter(str(error).splitlines()), type(error).__name__)
         raise UserError(f"{name}: {why}, expected {EXPECTED}") from None
     raise UserError(f"{name}: found a {type(source).__name__}, expected {EXPECTED}")
+
+
+def _with_text(source: Any) -> Any:
+    """The same, with columns of Python's objects of several kinds (a word among numbers) as text: which row holds
+    what is told where it is read as a number, and a column that nothing reads may hold what it likes."""
+    names = [*source] if isinstance(source, Mapping) or hasattr(source, "assign") else []  # pandas' frames have it
+    mixed = {name: cells for name in names if (cells := _mixed(source[name])) is not None}
+    return {name: mixed.get(name, source[name]) for name in names} if mixed else source
+
+
+def _mixed(values: Any) -> list[str] | None:
+    if str(getattr(values, "dtype", "")) != "object":
+        return None
+    kinds = {type(one) for one in values if one is not None and one == one}
+    return ["" if one is None or one != one else str(one) for one in values] if len(kinds) > 1 else None
 
 
 def _values(column: Any) -> npt.NDArray[Any]:
