@@ -122,7 +122,7 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for kind, begin in (("png", b"\x89PNG"), ("svg", b"<?xml")):
         status, out, _ = terrapin(capsys, "look", path, "--plot", tmp_path / f"p.{kind}")
         assert status == 0
-        assert "2 runs, by the clock begins again" in out
+        assert "2 runs, by a clock that begins again" in out
         assert (tmp_path / f"p.{kind}").read_bytes().startswith(begin)
     status, out, _ = terrapin(capsys, "look", path, path, "--json", "-")
     assert [one["rows"] for one in json.loads(out)["files"]] == [ROWS, ROWS]

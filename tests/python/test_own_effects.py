@@ -14,6 +14,7 @@ from terrapin_hil.effect_files import known_effects, read_effect_file, read_effe
 from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.physics.expression import parse
 from terrapin_hil.reading import ReadingError
+from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case import effect_units
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.effect_units import open_units, unit_problem
@@ -281,3 +282,14 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     (tmp_path / "a.py").mkdir()
     with pytest.raises(ReadingError, match=r"a\.py"):
         read_effect_folder(tmp_path, {})
+
+
+def test_a_target_that_the_base_does_not_have_is_told_with_where_it_stands(tmp_path: Path) -> None:
+    """An effect without `target` acts on a resistance, which few base models have: nothing said which key to write."""
+    folder = rolling(tmp_path, 1)
+    write(folder / "effects", GRASS.replace('where="ground"', 'target="drag", where="ground"'))
+    wrong = (
+        r"own_grass: target: found 'drag', which rolling_steady does not have; expected one of .*resistance.*target="
+    )
+    with pytest.raises(UserError, match=wrong):
+        load_case(folder)

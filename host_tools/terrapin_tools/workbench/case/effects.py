@@ -50,7 +50,10 @@ def _check_terms(effect: Effect, base: Base) -> None:
             raise UserError(f"effect {effect.name}: needs: found {role!r}, expected some of {', '.join(ROLES)}")
     if base.takes(effect) and effect.target not in base.acts_on():
         expected = ", ".join(base.acts_on())
-        raise UserError(f"effect {effect.name}: target: found {effect.target!r}, expected one of {expected}")
+        raise UserError(
+            f"effect {effect.name}: target: found {effect.target!r}, which {base.name} does not have; expected one of "
+            f"{expected} (target=, or on={{{base.name!r}: ...}}, of the effect's file)"
+        )
 
 
 def read_library(

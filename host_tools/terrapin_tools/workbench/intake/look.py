@@ -127,7 +127,7 @@ def _runs(table: Table, times: Array | None) -> tuple[Index, dict[str, Any]]:
         run = np.zeros(len(times), np.int64)
         run[back + 1] = 1
         if back.size:
-            return np.cumsum(run), {"by": "the clock begins again", "count": int(back.size) + 1}
+            return np.cumsum(run), {"by": "a clock that begins again", "count": int(back.size) + 1}
     return np.zeros(table.rows, np.int64), {"by": "", "count": 1}
 
 
