@@ -71,7 +71,11 @@ class Saying:
         )  # fmt: skip
         self.ranking: Any = Ranked(expressions={"e": SimpleNamespace(expression="k*x")})
         whole: Any = SimpleNamespace(
-            name="whole", told=SimpleNamespace(sigma=""), noise=SimpleNamespace(sigma=""), case="", fit=None
+            name="whole",
+            told=SimpleNamespace(sigma=""),
+            noise=SimpleNamespace(sigma=""),
+            case="",
+            fit=None,
         )
         self.whole: tuple[Any, Any] = (whole, Ranked("whole", {}))
         told: dict[str, Any] = {
@@ -81,6 +85,7 @@ class Saying:
             "_with_each_alone": lambda analysis, ranking, told: ranking, "_candidates": lambda *_: ("candidates",),
             "aliases": lambda *_: ("aliases",), "_where": lambda *_: ("where",), "_ladder": lambda *_: ("rung", "last"),
             "part_of": lambda *_: "part", "front": lambda *_: ("front",),
+            "_ahead": lambda case, ranking, said, *_: said,
             "_whole": lambda *_: {"whole": 1.0}, "_called": lambda _: {"called": 1}, "weights": lambda *_: ("weights",),
             "classes": lambda *_: ("classes",), "_curve": lambda *_: "curve", "_operating": lambda *_: ("operating",),
             "selection": lambda *_: (Selected(("a",), "catalogue", 1.0),),

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from casekit import terrapin
 
+import terrapin_tools
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.bayes_factor import WEIGHT
@@ -58,6 +59,29 @@ def test_a_change_between_two_runs_is_told(tmp_path: Path, kind: str) -> None:
     )
     assert (found.verdict, found.blamed) == ("unexplained", Blamed("change", ("9", "10")))
     assert "a change between runs 9 and 10, not the model" in told(found.analysis, found).headline
+
+
+def test_that_nothing_else_is_missing_is_what_the_next_comparison_says() -> None:
+    """Two campaigns whose zeros differ, and a friction that grows with the temperature: the day passes for offsets of
+    the runs, until the heating is in the model. It was 'heating, and nothing else' at 0.97."""
+    random, parts = np.random.default_rng(1), list[dict[str, Array]]()
+    for day in (0, 1):
+        for number in range(9):
+            load, speed = random.choice([60.0, 90.0, 120.0]), random.uniform(0.3, 2.0)
+            warm = (random.uniform(30.0, 48.0) if day else random.uniform(18.0, 28.0)) + 0.075 * np.arange(60)
+            pull = load * 0.03 * (1.0 + 0.012 * (warm - 25.0)) + 0.9 * speed + 0.15 * day
+            own = {"run": np.full(60, 9 * day + number), "speed": np.full(60, speed), "load": np.full(60, load)}
+            parts.append({**own, "temp": warm, "pull": pull + 0.03 * random.standard_normal(60)})
+    case = terrapin_tools.Case.from_table(
+        {name: np.concatenate([one[name] for one in parts]) for name in parts[0]},
+        run="run", units={"speed": "m/s", "load": "N", "temp": "degC", "pull": "N"},
+        equation={"pull": "f_r*load + b*speed"}, fit={"f_r": (0.03, 0, 1, "1"), "b": (0.5, 0, 10, "N s/m")},
+        roles={"speed": "speed", "temp": "temperature"},
+    )  # fmt: skip
+    found = case.discover()
+    assert (found.verdict, found.missing) == ("partial", ("heating_on_f_r",))
+    assert "more is missing" in found.headline
+    assert "a change between runs 8 and 9" in case.add(found.missing).discover().headline
 
 
 def test_a_test_that_begins_unsettled_is_told(tmp_path: Path) -> None:

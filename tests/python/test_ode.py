@@ -255,9 +255,12 @@ def test_of_a_spring_that_goes_the_other_way_either_column_may_be_meant(tmp_path
     assert (factors["table.position.scale"], factors["table.force.scale"]) == (-1.0, -1.0)
 
 
-def test_an_input_in_another_unit_is_told_as_such(tmp_path: Path) -> None:
-    """A force in kilograms was 'position is in tenths, and m would be 0.26 kg' at 0.99."""
+@pytest.mark.parametrize("start", [6.0, 30.0])
+def test_an_input_in_another_unit_is_told_as_such(tmp_path: Path, start: float) -> None:
+    """A force in kilograms was 'position is in tenths, and m would be 0.26 kg' at 0.99; of a start value far off (the
+    truth is 8) it was a formula of the force."""
     text = TEXT.replace('column = "f", unit = "N"', 'column = "f", unit = "N", factor = 0.101971621')
+    text = text.replace("k = { value = 6.0", f"k = {{ value = {start}")
     found = discover(load_case(spring(tmp_path / "case", text=text)))
     assert (found.verdict, found.missing) == ("missing", ("table.force.scale",))
     fault = found.candidates[0].effect

@@ -72,7 +72,7 @@ def lagged(time: Array, values: Array, constant: Array, first: Mask) -> Array:
         behind = constant[:, None] * np.where(first, 0.0, values - before) / step
         kept = np.where(first, 0.0, np.exp(-step / constant[:, None]))
         found = values - behind + kept * (behind - before)
-        # each row is `kept` of the one before it, and what is found already: rows are joined to those 1, 2, 4, ... before
+        # a row is `kept` of the one before it, and what is found already: it is joined to those 1, 2, 4, ... before it
         reach = 1
         while reach < longest:
             found[:, reach:] = found[:, reach:] + kept[:, reach:] * found[:, :-reach]

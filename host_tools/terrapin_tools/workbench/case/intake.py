@@ -23,9 +23,7 @@ MARK = "# assumed: "  # of a first line that says what was assumed when the tabl
 LONGEST = 1 << 12  # bytes of that line
 ROUNDED = 1.05  # values are given with two digits
 TELLING = 8  # different rows in one order, from which on they agree by no chance; fewer may be an instrument's steps
-ECHO = (
-    1e-4  # of a channel's scatter: what a straight line of another column leaves, if it was computed from it; rounded
-)
+ECHO = 1e-4  # of a channel's scatter: what a line of another column leaves that was computed from it, and rounded
 BOTH_WAYS = 0.02  # share of the rows in each direction, from which a motion reverses
 
 

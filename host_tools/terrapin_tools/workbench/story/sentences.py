@@ -245,17 +245,17 @@ def headline(
         if found.probability < EVEN:
             return f"No alarm ({_test(p, level)}), but that nothing is missing has only probability {sure}."
         return f"The model is adequate: with probability {sure} nothing is missing ({_test(p, level)})."
-    return _missing(found, sure, missing) + _or_nothing(found)
+    return _missing(found, sure, missing, units or {}) + _or_nothing(found)
 
 
-def _missing(found: Findings, sure: str, missing: str) -> str:
+def _missing(found: Findings, sure: str, missing: str, units: Mapping[str, str]) -> str:
     if found.verdict == "ambiguous":
         sets, be = _either([spelt(found, one) for one in found.rivals]), "may be" if _or_nothing(found) else "is"
         return f"Something {be} missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
     if found.verdict == "unexplained":
         return _unexplained(found, sure)
     if found.verdict == "partial" and found.part:
-        return _partial(found, found.part, missing, units or {})
+        return _partial(found, found.part, missing, units)
     return _lacking(found, sure, missing)
 
 
