@@ -655,3 +655,47 @@ except terrapin.errors.InputError as error:
     )  # fmt: skip
     (only,) = [line for line in done.stdout.splitlines() if line.startswith("own.py") and ": error" in line]
     assert only.startswith("own.py:16: error: Argument 1"), done.stdout
+
+
+def test_equations_over_time_and_groups_are_those_of_a_file(tmp_path: Path) -> None:
+    """A spring by the classical method of Runge and Kutta, and a brake on two surfaces."""
+    step, state, rows = 0.02, np.array([0.2, 0.0]), list[tuple[float, float, float]]()
+    for number in range(600):
+        force = float(np.sin(0.026 * number))
+        rows.append((step * number, force, 1000.0 * state[0]))
+
+        def rate(y: np.ndarray, force: float = force) -> np.ndarray:
+            return np.array([y[1], (force - 0.5 * y[1] - 8.0 * y[0]) / 1.3])
+
+        slopes = [rate(state)]
+        for share in (0.5, 0.5, 1.0):
+            slopes.append(rate(state + share * step * slopes[-1]))
+        state = state + step / 6.0 * (slopes[0] + 2.0 * slopes[1] + 2.0 * slopes[2] + slopes[3])
+    time, force, x = np.array(rows).T
+    run, noise = np.arange(600) // 150, np.random.default_rng(1).standard_normal(600)
+    given: dict[str, Any] = {
+        "run": "run", "units": {"x": "mm", "force": "N", "t": "s"}, "columns": {"time": "t", "position": "x"},
+        "states": {"x": ("fit", "m"), "v": ("fit", "m/s")}, "derivative": {"x": "v", "v": "(force - d*v - k*x)/m"},
+        "measured": {"position": "x"}, "constants": {"m": "1300 g"}, "noise": {"position": 0.5}, "held": True,
+        "fit": {"d": (0.3, 0, 5, "N s/m"), "k": (6.0, 0, 50, "N/m")},
+    }  # fmt: skip
+    spring = terrapin.Case.from_table({"run": run, "t": time, "force": force, "x": x + 0.5 * noise}, **given)
+    saved = terrapin.Case.load(spring.save(tmp_path / "spring"))
+    assert saved.compare().parameters == spring.compare().parameters
+    assert 'inputs = "held"' in (tmp_path / "spring" / "case.toml").read_text()
+    assert abs(spring.compare().parameters["k"].value - 8.0) < 0.1
+    surface = np.array(["sand", "ice"])[run % 2]
+    pull = np.where(run % 2, 0.1, 0.4) * (load := np.random.default_rng(2).uniform(10.0, 50.0, 600)) + 0.1 * noise
+    brake = {"run": run, "load [N]": load, "pull [N]": pull, "surface": surface}
+    more: dict[str, Any] = {"run": "run", "equation": {"pull": "mu*load"}, "fit": {"mu": (0.3, 0, 2, "1")}}
+    found = terrapin.Case.from_table(brake, **more, groups={"mu": "surface"}).compare()
+    assert found.parameters["mu[ice]"].value == pytest.approx(0.1, abs=0.01)
+    for wrong, said in (
+        ({"groups": {"nu": "surface"}}, "groups: found nu, expected a fitted parameter: one of mu"),
+        ({"groups": {"mu": "floor"}}, "groups: mu: found 'floor', expected one of run, load"),
+        ({"states": {"x": [1, 2, 3]}}, "states: x: found"),
+    ):
+        with pytest.raises(terrapin.errors.InputError, match=re.escape(said)):
+            terrapin.Case.from_table(brake, **more, **wrong)
+    with pytest.raises(terrapin.errors.InputError, match="measured: position is no column of the table"):
+        terrapin.Case.from_table({"run": run, "t": time}, **{**given, "columns": {"time": "t"}, "units": {"t": "s"}})

@@ -96,6 +96,11 @@ class Case:
         train: Iterable[object] = (),
         test: Iterable[object] = (),
         title: str = "table",
+        groups: Mapping[str, str] | None = None,
+        states: Mapping[str, Any] | None = None,
+        derivative: Mapping[str, str] | None = None,
+        measured: Mapping[str, str] | None = None,
+        held: bool = False,
     ) -> Case:
         """A case of a table in memory.
 
@@ -118,18 +123,24 @@ class Case:
         effects : effects that the model has already.
         limits : what the rig can set: input -> (MIN, MAX) or (MIN, MAX, UNIT).
         train, test : names of runs; none: every fifth run is held out.
+        groups : fitted name -> column of the groups for each of which it has a value (docs/cases.md, Groups).
+        states, derivative, measured : differential equations of your own (docs/ode.md), of base "ode": state -> START
+            or (START, UNIT), with START "fit", a number or a column; state -> formula of its derivative; channel ->
+            formula. A column `time` is needed, or one that `columns` calls so.
+        held : the inputs keep their values until the next row; else they are linear between rows.
 
         Raises
         ------
         errors.InputError : one line with column or argument, what was found and what was expected.
         """
-        from terrapin_tools.door.making import case_of
+        from terrapin_tools.door.making import Motion, case_of
 
         return cls(
             case_of(
                 table, base=base, run=run, columns=columns or {}, roles=roles or {}, units=units or {},
                 noise=noise or {}, equation=equation or {}, constants=constants or {}, fit=fit or {}, effects=effects,
-                limits=limits or {}, train=train, test=test, title=title,
+                limits=limits or {}, train=train, test=test, title=title, groups=groups or {},
+                motion=Motion(states or {}, derivative or {}, measured or {}, held),
             )
         )  # fmt: skip
 

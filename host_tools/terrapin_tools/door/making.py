@@ -5,7 +5,7 @@ from __future__ import annotations
 import tempfile
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -22,6 +22,7 @@ from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.bases import ROLES as BASE_ROLES
 from terrapin_tools.workbench.bases.kinds.names import formula_name, in_letters
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
+from terrapin_tools.workbench.case.changes import inline_tables
 from terrapin_tools.workbench.files.arrow_tables import from_arrow
 from terrapin_tools.workbench.files.format import Ambiguous, meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
@@ -29,10 +30,33 @@ from terrapin_tools.workbench.new_case.from_columns import document_of
 from terrapin_tools.workbench.new_case.from_tables import split_unit
 from terrapin_tools.workbench.robot.runs import check_asked, read_run, write_case
 
-__all__ = ["case_of", "case_of_runs", "table_of"]
+__all__ = ["Motion", "case_of", "case_of_runs", "table_of"]
 
 Given = TypeVar("Given")
 FILE = "table.parquet"  # in which the table stands when the case is saved
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Differential equations of the user's own, as `terrapin_tools.Case.from_table` takes them."""
+
+    states: Mapping[str, Any]
+    derivative: Mapping[str, str]
+    measured: Mapping[str, str]
+    held: bool
+
+    def __post_init__(self) -> None:
+        _check_shapes(derivative=self.derivative, measured=self.measured)
+        _check_shapes(states=self.states, each=object)
+
+    @property
+    def entries(self) -> dict[str, Any]:
+        """What [model] holds of them; nothing where there are none."""
+        if not self.derivative and not self.states:
+            return {}
+        states = {name: _state(name, value) for name, value in self.states.items()}
+        found = {"states": inline_tables(states), "derivative": dict(self.derivative), "measured": dict(self.measured)}
+        return {**({"inputs": "held"} if self.held else {}), **found}
 
 
 def table_of(source: object) -> tuple[Table, dict[str, str]]:
@@ -62,28 +86,35 @@ def case_of(
     train: Iterable[object],
     test: Iterable[object],
     title: str,
+    groups: Mapping[str, str],
+    motion: Motion,
 ) -> Case:
     """See `terrapin_tools.Case.from_table`. UserError names the argument that is wrong."""
-    _check_shapes(columns=columns, roles=roles, units=units, equation=equation)
+    _check_shapes(columns=columns, roles=roles, units=units, equation=equation, groups=groups)
     _check_shapes(noise=noise, constants=constants, fit=fit, limits=limits, each=object)
     effects = [effects] if isinstance(effects, str) else effects
     train, test = ([one] if isinstance(one, str) else one for one in (train, test))
     table, told = table_of(source)
+    channels = equation or motion.measured
+    if base == "equation" and motion.derivative and not equation:
+        base = "ode"
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
     run_column = meant(run, table.columns) if run else ""
     if run_column is None:
         raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
-    formulas = {name for formula in equation.values() for name in _names_in(formula)} - {*fit, *constants}
+    own = {*fit, *constants, *motion.states}
+    every = [*channels.values(), *motion.derivative.values()]
+    formulas = {name for formula in every for name in _names_in(formula)} - own
     measured = {column for column in table.columns if column != run_column and _is_whole(table, column)}
-    own_units = [
-        column for column in _with_units(table) if column in measured and _bare(column) not in {*fit, *constants}
-    ]
-    columns = _by_headings(table, base, columns, (*equation, *roles, *units, *sorted(formulas), *own_units))
-    equation, roles = _by_names(table, columns, equation), _by_names(table, columns, roles)
+    own_units = [column for column in _with_units(table) if column in measured and _bare(column) not in own]
+    said = (one for one in units if one not in motion.states)
+    clock = ["time"] if motion.derivative else []
+    columns = _by_headings(table, base, columns, (*channels, *clock, *roles, *said, *sorted(formulas), *own_units))
+    channels, roles = _by_names(table, columns, channels), _by_names(table, columns, roles)
     units, noise = _by_names(table, columns, units), _by_names(table, columns, noise)
-    names = _columns(table, base, columns, {**dict.fromkeys(roles, ""), **told, **units}, equation)
-    _check_roles(roles, base, names, equation)
+    names = _columns(table, base, columns, {**dict.fromkeys(roles, ""), **told, **units}, channels)
+    _check_roles(roles, base, names, channels)
     for option, given in (("units", units), ("noise", noise)):
         unknown = next((name for name in given if name not in {*names, *table.columns}), None)
         if unknown is not None:
@@ -99,7 +130,7 @@ def case_of(
         "base": base,
         "effects": [str(one) for one in effects],
         "columns": mapped,
-        "equation": dict(equation),
+        "equation": dict(channels) if equation else {},
         "parameters": {name: _constant(name, value) for name, value in constants.items()},
         "fit": {
             name: dict(zip(("value", "min", "max", "unit"), numbers(f"fit: {name}", value), strict=True))
@@ -110,13 +141,36 @@ def case_of(
         "train": [_run(one) for one in train],
         "test": [_run(one) for one in test],
     }
-    text = document_of(order, [FILE], maker="terrapin_tools.Case")
+    text = _with_more(document_of(order, [FILE], maker="terrapin_tools.Case"), table, groups, motion)
     held = {FILE: replace(table, notes=(*table.notes, *_not_taken(measured - {*names.values()}, base)))}
     try:
         return parse_case(Path(), text, held)
     except UserError as error:  # the line of a file that is not there says nothing
         place, _, rest = str(error).partition(": ")
         raise UserError(rest if place.startswith("case.toml:") else str(error), error.status) from None
+
+
+def _with_more(text: str, table: Table, groups: Mapping[str, str], motion: Motion) -> str:
+    """The text of a case with equations over time, and with parameters that have a value for each group."""
+    document: Any = tomlkit.parse(text)
+    document["model"].update(motion.entries)
+    for name, said in groups.items():
+        column = meant(said, table.columns)
+        if column is None:
+            raise UserError(f"groups: {name}: found {said!r}, expected one of {', '.join(table.columns)}")
+        if name not in document.get("fit", {}):
+            fitted = ", ".join(document.get("fit", {})) or "(none)"
+            raise UserError(f"groups: found {name}, expected a fitted parameter: one of {fitted}")
+        document.setdefault("groups", {})[_bare(column)] = {"column": column}
+        document["fit"][name]["by"] = _bare(column)
+    return tomlkit.dumps(document)
+
+
+def _state(name: str, value: Any) -> dict[str, Any]:
+    start, unit = value if isinstance(value, tuple | list) and len(value) == 2 else (value, "")
+    if not isinstance(start, float | int | str) or not isinstance(unit, str):
+        raise UserError(f"states: {name}: found {shorten(value)}, expected START or (START, UNIT): 'fit' or a number")
+    return {"initial": start, **({"unit": unit} if unit else {})}
 
 
 def _check_shapes(each: type = str, **given: object) -> None:
@@ -209,7 +263,8 @@ def _columns(
             known.setdefault(name, column)
     lost = next((name for name in equation if name not in known), None)
     if lost is not None:
-        raise UserError(f"equation: {lost} is no column of the table, expected one of {', '.join(table.columns)}")
+        option = "measured" if BASES[base].own_dynamics else "equation"
+        raise UserError(f"{option}: {lost} is no column of the table, expected one of {', '.join(table.columns)}")
     if own and not BASES[base].own_dynamics and not equation:
         raise UserError('equation: found none, expected a formula for each channel: equation={"M": "a + b*w"}')
     if not known:
