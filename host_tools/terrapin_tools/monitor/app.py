@@ -50,6 +50,7 @@ class MonitorApp(App[None]):
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("q", "quit", "Quit"),
+        Binding("ctrl+c", "quit", show=False, priority=True),  # Textual says how to quit, and drives on
         Binding("space", "pause", "Pause", priority=False),
         Binding("m", "mark", "Mark"),
         Binding("slash", "filter", "Filter", key_display="/"),
