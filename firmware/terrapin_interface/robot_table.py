@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from terrapin_interface.quantity import LONGEST, QuantityError, parse_quantity
 __all__ = ["RobotError", "RobotTable"]
 
 MOST = 1_000_000  # characters of a file
+ALIKE = 0.85  # of difflib: so much alike is a misspelt field; body.radius and body.drive_radius are less
 _HEADER = re.compile(r"\s*\[([A-Za-z0-9_. -]+)\]\s*(?:#.*)?$")
 _KEY = re.compile(r"\s*([A-Za-z0-9_.-]+)\s*=")
 
@@ -92,7 +94,9 @@ class RobotTable:
         if key in self.values:
             return self.values[key]
         if default is None:
-            raise self.error(key, "is missing")
+            near = get_close_matches(key, set(self.values) - self._read, n=1, cutoff=ALIKE)
+            meant = f"; is {self.place(near[0])} meant to be it?" if near else ""
+            raise self.error(key, "is missing" + meant)
         return default
 
     def number(

@@ -180,6 +180,7 @@ def test_a_consistent_file_is_taken(number: int, tmp_path: Path) -> None:
     ("changes", "expected"),
     [
         ({"body.radius": None}, "body.radius: is missing"),
+        ({"body.shell_mass": None, "body.shel_mass": "1 kg"}, "body.shell_mass: is missing; is body.shel_mass (line "),
         ({"body.radius": "80 kg"}, "expected a number in m or a text with a unit that converts to it"),
         ({"body.radius": True}, "expected a number in m"),
         ({"body.radius": "3 m"}, "expected 0.01 to 0.5 m"),
