@@ -134,6 +134,15 @@ class Message(entries.Message):
 class Parameter(entries.Parameter):
     """A parameter of the controller: physical value = raw * scale, in `unit`. Default and bounds are raw."""
 
+    def number(self, value: float | str) -> float:
+        """A number in the parameter's unit; a text, "500 ms", is converted. ParameterError when it does not convert."""
+        from terrapin_hil.reading import parse_quantity
+
+        try:
+            return parse_quantity(value, self.unit)
+        except ValueError as error:
+            raise ParameterError(f"parameter {self.name}: {error}") from None
+
     def raw(self, physical: float) -> int:
         """Nearest raw value. ParameterError when it is outside the parameter's range (or not a number)."""
         low, high = self.minimum * self.scale, self.maximum * self.scale

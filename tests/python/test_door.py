@@ -547,6 +547,9 @@ def test_a_name_that_is_none_is_answered_by_those_there_are(case: terrapin.Case,
     effect = terrapin.Effect("mine", "k*w", k=(0, -1, 1, "N m s/rad"))
     with terrapin.Link("inprocess") as link:
         parameters = link.parameters
+        assert link.write("window", "0.5 s").read("window") == 500.0
+        with pytest.raises(ValueError, match="parameter window: found '5 kg', expected a number in ms"):
+            link.write("window", "5 kg")
     for found, name, expected in (
         (truth, "contact_torqe", "truth: found no contact_torqe, is `contact_torque` meant? it has alpha_rate, "),
         (sent, "GROUND.x", "GROUND has GROUND.f_r, GROUND.limiting, "),

@@ -13,13 +13,14 @@ import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from unittest import mock
 
 import can
 import pytest
 
+import terrapin_tools as door
 from terrapin_hil.links import open_link
 from terrapin_hil.links.inprocess import InProcess
 from terrapin_hil.links.link import LinkError
@@ -415,6 +416,21 @@ def test_over_a_can_bus(tmp_path: Path) -> None:
         assert talk.all()["radius"] == 91000
     with session("inprocess", flash) as talk:
         assert talk.get(RADIUS) == 91000
+
+
+def test_another_robots_controller_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It has other defaults and ranges: a list calls its own values changed, and good ones are out of range."""
+    monkeypatch.setattr("terrapin_hil.links.identity.interface", lambda: other)
+    with controller_on_can("another", tmp_path / "robot.flash"):
+        other = replace(interface(), constants={**interface().constants, "robot_identity": 1.0})
+        for words in (["list"], ["get", "radius"], ["set", "radius", "5", "km"], ["reset"]):
+            assert "--robot says whose" in terrapin(*words, "--link", "can:virtual:another", status=1).stderr
+        with pytest.raises(LinkError, match="says whose"):
+            door.Link("can:virtual:another")
+        other = interface()
+        assert terrapin("get", "radius", "--link", "can:virtual:another").stdout == "radius = 0.08 m\n"
+        with door.Link("can:virtual:another") as link:
+            assert link.read("radius") == 0.08
 
 
 def test_an_earlier_host_left_its_counter(tmp_path: Path) -> None:

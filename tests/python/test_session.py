@@ -72,6 +72,7 @@ def test_as_the_issue_has_it() -> None:
         assert "motor_encoder" in s.faults
         assert s.state == "safe"
         assert s.write("window", 600.0).read("window") == 600.0
+        assert s.write("window", "0.5 s").read("window") == 500.0
 
 
 def test_faults_by_the_name_of_a_scenario_and_for_a_while() -> None:
@@ -248,6 +249,8 @@ def test_one_line_for_what_is_wrong() -> None:
             assert "\n" not in str(caught.value)
         with pytest.raises(ParameterError, match="outside"):
             s.write("window", 1e9)
+        with pytest.raises(ParameterError, match="found '5 kg', expected a number in ms"):
+            s.write("window", "5 kg")
         with pytest.raises(ParameterError, match="no_such"):
             s.read("no_such")
     with pytest.raises(UserError, match="found it closed"):

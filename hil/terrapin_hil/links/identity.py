@@ -13,7 +13,7 @@ from terrapin_hil.messages import Frame, Sender, interface
 from terrapin_hil.robots import selected
 from terrapin_interface.robot import identity_of, robots
 
-__all__ = ["question", "require_fit", "require_fitting"]
+__all__ = ["question", "refuse_another", "require_fit", "require_fitting"]
 
 Ask = Callable[[Frame, Callable[[Frame], bool]], Frame | None]
 
@@ -46,13 +46,19 @@ def require_fit(name: str, data: bytes) -> None:
         )
 
 
-def require_fitting(name: str, ask: Ask) -> None:
-    """Asks the controller behind the link `name`. LinkError when it is another's, or does not say."""
+def refuse_another(name: str, ask: Ask) -> bool:
+    """Asks the controller behind the link `name`; whether it said. LinkError when it is another's."""
     identifier = interface().messages["IDENTITY"].id
     found = ask(question(), lambda frame: frame[0] == identifier)
-    if found is None:
+    if found is not None:
+        require_fit(name, found[1])
+    return found is not None
+
+
+def require_fitting(name: str, ask: Ask) -> None:
+    """Asks the controller behind the link `name`. LinkError when it is another's, or does not say."""
+    if not refuse_another(name, ask):
         raise LinkError(
             f"{name}: the controller does not say what it was built for; expected this project's firmware"
             + no_image(name)
         )
-    require_fit(name, found[1])

@@ -314,8 +314,10 @@ class Session:
                 return float(answer.decode(found[1])["value"] * known.scale)
         raise LinkError(f"{self._link.name}: the controller does not say {parameter}")
 
-    def write(self, parameter: str, value: float) -> Self:
-        """Sets a parameter, in its unit. ParameterError when the controller refuses: out of range, or bridge on."""
+    def write(self, parameter: str, value: float | str) -> Self:
+        """Sets a parameter, in its unit or as "500 ms". ParameterError when it is none, or the controller refuses: out
+        of range, or bridge on."""
+        number = self._interface.parameter(parameter).number(value)
         answer = self._interface.messages["PARAMETER_VALUE"].id
 
         def asked(frames: Any) -> list[Frame]:
@@ -324,7 +326,7 @@ class Session:
 
         for attempt in range(ATTEMPTS):
             try:
-                write_parameters(self._sender, self._interface, {parameter: value}, asked)
+                write_parameters(self._sender, self._interface, {parameter: number}, asked)
                 break
             except LinkError:
                 if attempt == ATTEMPTS - 1:

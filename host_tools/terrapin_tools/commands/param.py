@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 
 from terrapin_hil.links import LinkName, open_link
+from terrapin_hil.links.identity import refuse_another
 from terrapin_hil.links.names import INPROCESS, able
 from terrapin_hil.messages import Interface, interface
 from terrapin_tools.command_options import (
@@ -53,6 +54,7 @@ def _session(link: LinkName, flash: Path | None, timeout: float, key: Path | Non
     with open_link(link, timeout, key, **({"flash": flash} if flash else {})) as opened:
         if "listen" in link.row.jobs:  # a bus, that others may share
             require_one(opened, link.node)
+            refuse_another(opened.name, opened.ask)  # whose parameters have other numbers, ranges and defaults
         yield Session(opened)
 
 
@@ -228,8 +230,11 @@ def set_(
     """
     link = link.at_node(node)
     parameter = interface().parameter(name)
-    number = raw_of(parameter, " ".join(value), raw)
-    _write(lambda session: session.set_all({name: number}), link, flash, timeout, link_key, volatile, json)
+
+    def change(session: Session) -> Mapping[str, int]:  # whose robot it is comes before what its range is
+        return session.set_all({name: raw_of(parameter, " ".join(value), raw)})
+
+    _write(change, link, flash, timeout, link_key, volatile, json)
 
 
 def save(

@@ -34,18 +34,26 @@ class Link:
 
     Raises
     ------
-    errors.InputError : no link has that name; OSError : it does not open.
+    errors.InputError : no link has that name; OSError : it does not open, or leads to another robot.
     """
 
     @for_programs
     def __init__(self, name: str, *, timeout: float = 2.0, link_key: str | Path | None = None) -> None:
         from terrapin_hil.links import LinkName, open_link
+        from terrapin_hil.links.identity import refuse_another
         from terrapin_tools.param.session import Session
 
         if not 0.0 < timeout <= 3600.0:
             raise UserError(f"timeout: found {timeout!r}, expected more than 0 and at most 3600 s")
         key = Path(link_key) if link_key is not None else None
-        self._opened: Opened = open_link(LinkName.parse(name), timeout, key)
+        link = LinkName.parse(name)
+        self._opened: Opened = open_link(link, timeout, key)
+        if "listen" in link.row.jobs:  # on a bus may be another robot's
+            try:
+                refuse_another(self._opened.name, self._opened.ask)
+            except BaseException:
+                self._opened.close()
+                raise
         self._session: Session = Session(self._opened)
 
     @property
@@ -71,10 +79,11 @@ class Link:
         return float(self._session.get(known) * known.scale)
 
     @for_programs
-    def write(self, parameter: str, value: float) -> Self:
-        """Sets a parameter, in its unit, until the next reset. InputError when it is out of range or locked."""
+    def write(self, parameter: str, value: float | str) -> Self:
+        """Sets a parameter, in its unit or as "500 ms", until the next reset. InputError when it is out of range or
+        locked."""
         known = self._session.interface.parameter(parameter)
-        self._session.set(known, known.raw(value))
+        self._session.set(known, known.raw(known.number(value)))
         return self
 
     @for_programs
