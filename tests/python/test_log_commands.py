@@ -103,6 +103,13 @@ def test_replay(run: Path, tmp_path: Path) -> None:
     assert answer["first"][0]["recorded"] != answer["first"][0]["now"]
 
 
+def test_replay_of_another_robots_run_names_the_robot(run: Path, tmp_path: Path) -> None:
+    """Its frames have other steps: every tick would differ, or a parameter be out of a range that is not its own."""
+    (tmp_path / "run.toml").write_text((run / "run.toml").read_text().replace('"cylinder"', '"sphere"'))
+    done = terrapin("log", "replay", run, "--parameters", tmp_path / "run.toml", status=2)
+    assert "run.robot: found 'sphere', expected 'cylinder': name it with --robot" in done.stderr
+
+
 def test_replay_of_what_a_crash_left(run: Path, tmp_path: Path) -> None:
     """The tick in which the log ends may lack answers: no difference. Without a run.toml it says whose parameters."""
     whole = (run / "telemetry.log").read_text().splitlines(keepends=True)

@@ -240,12 +240,14 @@ def replay(
     from terrapin_hil.messages import ParameterError, interface
     from terrapin_tools.logs.reading import LogReader, read_log
     from terrapin_tools.logs.replay import replay as again
-    from terrapin_tools.param.files import read_parameters
+    from terrapin_tools.param.files import read_parameters, require_own
 
     description = interface()
     path = LogReader(log).path
     beside = path.parent / "run.toml"
     source = parameters or (beside if beside.is_file() else None)
+    if source:
+        require_own(source)
     values = read_parameters(source, description) if source else {}
     frames, cut = read_log(path)
     _warn(path, cut)

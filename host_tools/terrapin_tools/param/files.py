@@ -9,7 +9,7 @@ from terrapin_hil.messages import Interface, Parameter
 from terrapin_hil.reading import load, parse_quantity
 from terrapin_tools.errors import UserError
 
-__all__ = ["raw_of", "read_file", "read_parameters", "text_of", "to_toml"]
+__all__ = ["raw_of", "read_file", "read_parameters", "require_own", "text_of", "to_toml"]
 
 
 def text_of(parameter: Parameter, raw: int) -> str:
@@ -50,6 +50,17 @@ def read_parameters(path: Path, description: Interface) -> dict[str, float]:
     if "parameters" not in root:
         raise root.error(None, "found no table [parameters], expected one with a line for each parameter")
     return parameters_of(root.section("parameters"), description)
+
+
+def require_own(path: Path) -> None:
+    """UserError when a TOML file says that it is of a run of another robot than that of this process, whose
+    parameters have other ranges and whose frames other steps."""
+    from terrapin_hil.robots import selected
+
+    root = load(path)
+    said = root.section("run").text("robot", "") if "run" in root else ""
+    if said not in ("", selected().name):
+        raise UserError(f"{path}: run.robot: found {said!r}, expected {selected().name!r}: name it with --robot")
 
 
 def read_file(path: Path, description: Interface) -> dict[str, int]:
