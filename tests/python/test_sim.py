@@ -327,9 +327,23 @@ def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
             break
         time.sleep(0.05)
     assert not (tmp_path / "bus").is_symlink()
+    told = terrapin("sim", "--do", "help", folder=tmp_path)  # before there is a robot, too
+    assert "ground = hard_floor, agricultural" in told.stdout, told.stderr
     nobody = terrapin("sim", "--do", "status", folder=tmp_path)
     assert (nobody.returncode, nobody.stderr.count("\n")) == (2, 1)
     assert "no robot lives" in nobody.stderr
+
+
+def test_it_says_how_to_attach_to_another_robot(tmp_path: Path) -> None:
+    """`monitor` refuses a controller of another robot than it was told: the line that says how to attach names it."""
+    name = "sphere"
+    lives = terrapin("sim", name, "--on", "pty:bus", "--detach", folder=tmp_path)
+    try:
+        assert f"terrapin monitor --link serial:bus --robot {name}\n" in lives.stdout, lives.stderr
+        status = terrapin("sim", "--do", "voltage = 9 V", "--do", "status", folder=tmp_path)
+        assert "standing" not in status.stdout  # it moves
+    finally:
+        terrapin("sim", "--do", "stop", folder=tmp_path)
 
 
 def begun(folder: Path) -> subprocess.Popen[str]:

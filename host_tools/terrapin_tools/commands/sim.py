@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import shlex
 import signal
 from dataclasses import dataclass
 from functools import partial
@@ -70,7 +71,7 @@ def sim(
         from terrapin_hil.run.control import ask
 
         for text in do:
-            print(_words(ask(text, (on or [""])[0])))
+            print(_changes() if text == "help" else _words(ask(text, (on or [""])[0])))
         return
     _live(_scenario(source, robot), on or ["pty"], _Chip(flash, key, store, node or 0), detach)
 
@@ -90,7 +91,7 @@ def _scenario(source: str, robot: str) -> Scenario:
     elif source:
         return load_scenario(take_scenario(source, robot))
     table = Section(parse_toml(STANDING, Path("standing")), "standing", STANDING)
-    return read_scenario(table, "standing")
+    return read_scenario(table, "no scenario")  # what `status` calls it, also while it moves
 
 
 @dataclass(frozen=True)
@@ -122,8 +123,9 @@ def _leave() -> bool:
 
 
 def _live(scenario: Scenario, on: list[str], chip: _Chip, detach: bool) -> None:
+    from terrapin_hil.robots import robot_words
     from terrapin_hil.run.boot_loader import BootLoader
-    from terrapin_hil.run.changes_live import CHANGES, change
+    from terrapin_hil.run.changes_live import change
     from terrapin_hil.run.control import Control
     from terrapin_hil.run.living import Living
     from terrapin_hil.run.ports import open_port
@@ -164,8 +166,6 @@ def _live(scenario: Scenario, on: list[str], chip: _Chip, detach: bool) -> None:
                 return {"done": "stopped"}
             if text == "status":
                 return living.state()
-            if text == "help":
-                return {"done": "\n".join(f"{name} = {form}" for name, (_, form) in CHANGES.items())}
             return {"done": change(living, text)}
 
         for number in (signal.SIGTERM, signal.SIGINT):
@@ -174,7 +174,7 @@ def _live(scenario: Scenario, on: list[str], chip: _Chip, detach: bool) -> None:
         ends = "`terrapin sim --do stop`" if detach else "Ctrl-C"
         said(f"{scenario.design.name} lives: {scenario.title or scenario.name}; {ends} stops it")
         for port in ports:
-            said(f"on {port.name}: terrapin monitor --link {port.attach}")
+            said(f"on {port.name}: {shlex.join(['terrapin', 'monitor', '--link', port.attach, *robot_words()])}")
         if detach and _leave():
             stack.pop_all()  # all of it is the other's now
             print("\n".join(told), flush=True)  # here, where a reader that has gone (| head -1) ends no robot
@@ -182,6 +182,13 @@ def _live(scenario: Scenario, on: list[str], chip: _Chip, detach: bool) -> None:
         asked = {control.descriptor: partial(control.serve, act) for control in controls}
         living.run(lambda: bool(over), asked)
         said(_words(living.state()))
+
+
+def _changes() -> str:
+    """What may be changed while a robot lives, a line each."""
+    from terrapin_hil.run.changes_live import CHANGES
+
+    return "\n".join(f"{name} = {form}" for name, (_, form) in CHANGES.items())
 
 
 def _words(answer: dict[str, Any]) -> str:
