@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -20,6 +21,7 @@ from terrapin_hil.links.link import LinkError
 from terrapin_hil.links.names import LinkName
 from terrapin_hil.links.slcan import SlcanPort
 from terrapin_hil.messages import Sender, interface
+from terrapin_hil.run.boot_loader import BootLoader
 from terrapin_hil.run.changes_live import change
 from terrapin_hil.run.control import Control
 from terrapin_hil.run.living import Living
@@ -319,6 +321,11 @@ def test_the_command_detaches_changes_and_stops(tmp_path: Path) -> None:
         assert "real time: 99 % of ticks within" in done.stdout
         listed = terrapin("param", "get", "radius", "--link", "serial:bus", folder=tmp_path)
         assert listed.returncode == 0, listed.stderr
+        run = terrapin("run", "steady_sand", "--link", "serial:bus", folder=tmp_path)
+        assert run.returncode == 1
+        assert (
+            "goes on by itself, out of test mode: is its bridge on, or is it a robot of `terrapin sim`?" in run.stderr
+        )
     finally:
         ended = terrapin("sim", "--do", "stop", folder=tmp_path)
     assert ended.returncode == 0, ended.stderr
@@ -344,6 +351,18 @@ def test_it_says_how_to_attach_to_another_robot(tmp_path: Path) -> None:
         assert "standing" not in status.stdout  # it moves
     finally:
         terrapin("sim", "--do", "stop", folder=tmp_path)
+
+
+def test_a_flash_for_which_the_disk_has_no_place_leaves_no_half_of_it(tmp_path: Path) -> None:
+    """It would be refused from then on: it has not the size of a chip's flash."""
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (100_000, limits[1]))
+        with pytest.raises(UserError, match=r"chip.flash: File too large, expected a file that can be written"):
+            BootLoader(tmp_path / "chip.flash")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert list(tmp_path.iterdir()) == []
 
 
 def begun(folder: Path) -> subprocess.Popen[str]:

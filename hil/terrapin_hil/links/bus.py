@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Protocol
 
 from terrapin_hil.links.link import Link, LinkError, refuse_production
-from terrapin_hil.links.wire import write_parameters
+from terrapin_hil.links.wire import BY_ITSELF, write_parameters
 from terrapin_hil.messages import AnswerError, Frame, Sender, interface
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ class BusLink(Link):
         if second():
             raise LinkError(f"{self.name}: found more than one controller with this node number, expected one")
         if heard:
-            raise LinkError(f"{self.name}: a controller goes on by itself, out of test mode: is its bridge on?")
+            raise LinkError(f"{self.name}: {BY_ITSELF}")
 
     def advance(self, simulation: Simulation, ticks: int) -> None:
         try:

@@ -16,6 +16,7 @@ from terrapin_hil.nodes import Node
 
 __all__ = ["SlcanLink", "open_link", "write_parameters"]
 
+BY_ITSELF = "a controller goes on by itself, out of test mode: is its bridge on, or is it a robot of `terrapin sim`?"
 QUIET = 0.03  # s after the arming of test mode in which a controller by itself sends nothing more
 Exchange = Callable[[Sequence[Frame]], Sequence[Frame]]
 
@@ -68,6 +69,8 @@ class SlcanLink(Link):
         self.exchange(self._sender.test_mode())
         if not isinstance(self.machine, ControllerProcess) and self.talk((), QUIET):  # that one has no clock of its own
             refuse_production(self.name, lambda seconds: self.talk((), seconds))
+            if self.talk((), QUIET):  # not the last frames from before it was armed
+                raise LinkError(f"{self.name}: {BY_ITSELF}")
         write_parameters(self._sender, interface(), parameters, self.exchange)
 
     def _own(self, frames: Sequence[Frame]) -> list[Frame]:

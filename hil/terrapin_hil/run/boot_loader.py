@@ -88,7 +88,11 @@ class BootLoader:
             return bytearray(b"\xff" * SIZE)
         try:
             if not file.exists():
-                file.write_bytes(b"\xff" * SIZE)
+                try:
+                    file.write_bytes(b"\xff" * SIZE)
+                except OSError:
+                    file.unlink(missing_ok=True)  # half a flash would be refused from then on
+                    raise
             if file.stat().st_size != SIZE:
                 raise UserError(f"{file}: found {file.stat().st_size} bytes, expected the {SIZE} of a chip's flash")
             with file.open("r+b") as opened:
