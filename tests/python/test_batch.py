@@ -97,6 +97,16 @@ def test_one_row_a_run_and_every_failed_one_repeatable(
         assert status == 1
         assert json.loads(words)["output_sha256"] == found["output_sha256"][number]
     assert (out / "failed.sh").read_text().count("terrapin run") == len(failed)
+    units = {
+        "last(position)": "m",
+        "max(abs(current))": "A",
+        "max(winding_temperature)": "degC",
+        "contact_error": "N m",
+    }
+    assert told["units"] == units  # slip has none, nor has the difference of two
+    schema = pq.read_schema(out / "runs.parquet")
+    assert all(schema.field(name).metadata == {b"unit": unit.encode()} for name, unit in units.items())
+    assert "\n  max(abs(current)) [A] " in terrapin(capsys, *command)[1]
 
 
 def test_the_same_bytes_for_any_number_of_jobs(

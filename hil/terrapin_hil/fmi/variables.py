@@ -8,7 +8,7 @@ from typing import Literal
 from xml.sax.saxutils import quoteattr
 
 from terrapin_hil.messages import Interface, Message
-from terrapin_hil.robot.truth import TRUTH
+from terrapin_hil.robot.truth import TRUTH, UNITS
 
 __all__ = ["BASES", "Kind", "Model", "Variable", "model_description", "model_variables", "spoken"]
 
@@ -47,11 +47,6 @@ FLAGS = {
     "limiter": "slip limiter on, as the operator asks",
     "silent": "no frame arrives: the controller makes no step",
 }
-UNITS = {"time": "s", "position": "m", "speed": "m/s", "omega": "rad/s", "alpha_rate": "rad/s", "swing_angle": "rad",
-         "swing_rate": "rad/s", "slip": "1", "contact_torque": "N m", "resistance": "N m", "traction": "N",
-         "motor_torque": "N m", "internal_friction": "N m", "current": "A", "voltage": "V", "supply": "V",
-         "winding_temperature": "degC", "slope": "rad", "load": "N", "rut": "1", "carriage_force": "N", "segment": "1",
-         "sinkage": "m", "dug": "m", "heading": "rad", "path_x": "m", "path_y": "m"}  # fmt: skip
 
 
 @dataclass(frozen=True)

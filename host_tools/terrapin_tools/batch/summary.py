@@ -52,6 +52,7 @@ class Summary:
     limits: tuple[float, float]  # 95 % of the share that fails
     checks: Mapping[str, int]  # text -> runs in which it did not hold
     quantiles: Mapping[str, list[float | None]]
+    units: Mapping[str, str]  # of those, where it is known
     missing: Mapping[str, int]  # runs in which the number had no value
     why_missing: Mapping[str, str]  # of those, in words
     decides: Mapping[str, Mapping[str, float]]
@@ -162,6 +163,7 @@ def summarise(table: Table, duration: float | None = None) -> Summary:
         share_limits(int(failed.sum()), len(table)),
         {text: sum(value is False for value in held) for text, held in table.checks.items()},
         {text: _quantiles(values) for text, values in table.numbers.items()},
+        {text: table.units[text] for text in table.numbers if table.units[text]},
         {text: int(np.isnan(values).sum()) for text, values in table.numbers.items()},
         {text: said for text, said in why.items() if said},
         {what: {name: of[name] for name in order} for what, of in ratios.items()},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -10,14 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.messages import interface
+from terrapin_hil.robot.truth import UNITS
+from terrapin_hil.telemetry import si_factor
 from terrapin_tools.batch.design import Row, Varied
 from terrapin_tools.batch.one_run import CONTACT_ERROR, Answer
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["CHECK", "Table", "table_of", "to_parquet"]
+__all__ = ["CHECK", "Table", "table_of", "to_parquet", "unit_of"]
 
+_OF_ONE = re.compile(r"(?:(?:max|min|mean|rms|std|first|last|abs)\()+([A-Za-z_.]+)(?:\[[^\]]*\])?\)+")
 CHECK = "check "  # before the text of a check, in the name of its column
 
 
@@ -58,7 +63,7 @@ def table_of(rows: Iterable[Row], answers: Sequence[Answer], varied: Sequence[Va
         [answer.error for answer in answers],
         [answer.output for answer in answers],
         inputs,
-        {one.name: one.unit or _common_unit(one) for one in varied} | {CONTACT_ERROR: "N m"},
+        {one.name: one.unit or _common_unit(one) for one in varied} | {text: unit_of(text) for text in numbers_of},
         {text: [answer.checks.get(text) for answer in answers] for text in checks},
         {text: np.array([answer.numbers.get(text, np.nan) for answer in answers]) for text in numbers_of},
     )
@@ -71,6 +76,23 @@ def _of(rows: Iterable[Row], numbers: set[int]) -> Iterable[Row]:
         if row.number in numbers:
             numbers.discard(row.number)
             yield row
+
+
+def unit_of(text: str) -> str:
+    """Unit of a number of a run (SI, degC); empty where it has none, or where more than one signal makes it.
+
+    >>> unit_of("max(abs(current[2:]))"), unit_of("max(slip)"), unit_of("max(speed) - min(speed)")
+    ('A', '', '')
+    """
+    if text == CONTACT_ERROR:
+        return "N m"
+    match = _OF_ONE.fullmatch(text)
+    message, _, signal = match[1].rpartition(".") if match else ("", "", "")
+    units = UNITS
+    if message in interface().messages:
+        units = {one.name: one.unit for one in interface().messages[message].signals}
+    unit = units.get(signal, "")
+    return "" if unit in ("", "1") or si_factor(unit) != 1.0 else unit
 
 
 def _common_unit(one: Varied) -> str:

@@ -53,12 +53,13 @@ def words(summary: Summary, head: str, commands: list[str], folder: str) -> str:
         lines.append(f"  {'none' if none else summary.errors} of them could {'' if none else 'not '}be run to the end")
         lines.append(f"  ended  {count:6d} x  {' '.join(reason.split())}")
     lines += [f"  failed {count:6d} x  {text}" for text, count in summary.checks.items() if count]
-    width = max(map(len, summary.quantiles), default=0)
+    named = {text: f"{text} [{summary.units[text]}]" if text in summary.units else text for text in summary.quantiles}
+    width = max(map(len, named.values()), default=0)
     if width:
         lines.append("  " + " " * width + "".join(f"{100 * q:>10.0f} %" for q in QUANTILES))
     for text, values in summary.quantiles.items():
         shown = "".join("           -" if v is None else f"{v:12.4g}" for v in values)
-        lines.append(f"  {text:{width}}{shown}")
+        lines.append(f"  {named[text]:{width}}{shown}")
     lines += [f"  no value in {summary.missing[text]} runs: {text}: {why}" for text, why in summary.why_missing.items()]
     if summary.classes and summary.failed == summary.runs:
         lines.append("  all failed: nothing that was varied decides it")
