@@ -28,4 +28,5 @@ def about(place: object, kind: type[Exception] | tuple[type[Exception], ...] = V
     try:
         yield
     except kind as error:
-        raise UserError(f"{place}: {error}") from None
+        said = error.strerror if isinstance(error, OSError) else None  # str() of it has number and place once more
+        raise UserError(f"{place}: {said or error}") from None

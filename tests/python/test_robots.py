@@ -523,3 +523,11 @@ def test_what_the_controller_is_not_told_is_said(tmp_path: Path) -> None:
     own = scenario(tmp_path, changed_robot + "\n[firmware]\ncoulomb = 0.013")
     assert own.notes == ()
     assert own.firmware == {"coulomb": 0.013}
+
+
+def test_a_folder_that_is_not_there_is_said_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from terrapin_tools.commands.robot import new
+
+    with pytest.raises(UserError) as found:
+        new(tmp_path / "nowhere" / "mine.toml", like="roller", from_sheet=False)
+    assert str(found.value) == f"{tmp_path}/nowhere/mine.toml: No such file or directory"
