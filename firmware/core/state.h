@@ -255,7 +255,7 @@ typedef struct {
     int32_t setpoint;      /* mV or mm/s, */
     bool limiter;          /* and whether the slip limiter is wanted */
     bool refused;          /* a RUN or CALIBRATE, in hold_ms */
-    uint32_t hold_ms;      /* how long an IDLE still holds against RUN and CALIBRATE */
+    uint32_t hold_ms;      /* how long an IDLE still holds against RUN and CALIBRATE; after a clear it stands still */
     uint8_t blind_ms;      /* how long the guard of the swing has had no sensor, up to BLIND_MS */
     int32_t request_taken; /* the request that is being served or was: it must change before it counts again */
     uint32_t faults;

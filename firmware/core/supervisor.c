@@ -5,7 +5,9 @@
  *     any -> safe (a latched fault) -> idle (clear)
  *
  * A request is served once: after it has ended by itself, it must change before it counts again. An IDLE holds: RUN and
- * CALIBRATE are refused for stop_hold after it, so that frames of a stuck gateway or an old record lose against it.
+ * CALIBRATE are refused for stop_hold after it, so that frames of a stuck gateway or an old record lose against it. A
+ * clear starts nothing: it holds until an IDLE, and that one for stop_hold, so that whoever still sends RUN meanwhile
+ * starts nothing with it (ISO 13850: a reset permits a start, and is none).
  */
 #include "core.h"
 
@@ -39,10 +41,10 @@ static bool command_late(const terrapin_state *state) {
     return age > (uint32_t)state->parameter[TERRAPIN_PARAMETER_COMMAND_TIMEOUT];
 }
 
-/* A command that starts something while an IDLE holds is heard, but not taken. */
+/* A command that starts something while an IDLE or a clear holds is heard, but not taken. */
 static void listen(terrapin_state *state, const terrapin_inputs *inputs) {
     terrapin_supervisor *s = &state->supervisor;
-    if (s->hold_ms > 0U) {
+    if ((s->hold_ms > 0U) && (s->request_taken != TERRAPIN_REQUEST_CLEAR)) {
         s->hold_ms--;
         s->refused = s->refused && (s->hold_ms > 0U);
     }
@@ -57,13 +59,15 @@ static void listen(terrapin_state *state, const terrapin_inputs *inputs) {
             s->control = inputs->command.control;
             s->setpoint = inputs->command.setpoint;
             s->limiter = inputs->command.limiter;
-            s->request_taken = starts ? s->request_taken : request;
         }
-        if (request == TERRAPIN_REQUEST_IDLE) {
+        if (!starts) {
+            s->request_taken = request;
             s->hold_ms = (uint32_t)TERRAPIN_LIMIT_STOP_HOLD;
         }
     }
     TERRAPIN_ASSERT((s->hold_ms > 0U) || !s->refused);
+    TERRAPIN_ASSERT((s->request_taken != TERRAPIN_REQUEST_CLEAR) ||
+                    ((s->request == TERRAPIN_REQUEST_CLEAR) && (s->hold_ms > 0U)));
 }
 
 /* The guard of the swing: beyond its limit the inner body would go over the top; unseen it could. */

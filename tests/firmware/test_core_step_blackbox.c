@@ -102,7 +102,10 @@ static void plausible(void) {
     in.command_fresh = in.tick % 50U == 0U;
     if (in.command_fresh) {
         static const uint8_t requests[16] = {2U, 2U, 0U, 3U, 2U, 1U, 1U, 3U, 2U, 2U, 3U, 3U, 1U, 1U, 2U, 3U};
-        in.command.request = requests[(in.tick / 8000U) % 16U];
+        const uint32_t turn = in.tick / 8000U;
+        const bool cleared = requests[(turn + 15U) % 16U] == 3U;
+        in.command.request =
+            (cleared && (in.tick % 8000U < 100U)) ? 0U : requests[turn % 16U]; /* an IDLE ends a clear */
         in.command.control = (uint8_t)((in.tick / 5000U) % 2U);
         in.command.setpoint = (int16_t)(2000 + (int32_t)((in.tick / 3000U) % 5U) * 1200);
         in.command.limiter = (in.tick / 16000U) % 2U == 0U;
@@ -139,7 +142,8 @@ static void test_quiet_noise_lets_it_drive(void) {
         in.ground_count = (uint16_t)(ground + in.ground_count % 8U);
         in.estop = false;
         in.command_fresh = true;
-        in.command.request = (i / 2000) % 2 == 0 ? TERRAPIN_REQUEST_CLEAR : TERRAPIN_REQUEST_RUN;
+        static const uint8_t requests[] = {TERRAPIN_REQUEST_CLEAR, TERRAPIN_REQUEST_IDLE, TERRAPIN_REQUEST_RUN};
+        in.command.request = requests[(i / 2000) % 3];
         step();
         driven = driven || out.enable;
     }
@@ -160,7 +164,7 @@ static void test_same_bits_on_every_machine(void) {
     TEST_ASSERT_EQUAL_HEX32_MESSAGE(0x1FFU, states_seen | (1U << (out.frames[0].data[4] & 0xFU)),
                                     "every state was passed through");
     /* The hash of every frame. It changes with the controller's behaviour, and with nothing else. */
-    TEST_ASSERT_EQUAL_HEX64(0xB69921806C796FFFULL, hash);
+    TEST_ASSERT_EQUAL_HEX64(0xD3C49927B7BB4333ULL, hash);
 }
 
 static void test_two_controllers_do_not_know_each_other(void) {

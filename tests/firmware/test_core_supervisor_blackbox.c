@@ -69,7 +69,9 @@ static void test_emergency_stop_within_one_tick_and_latched(void) {
     rig_run(100);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
-    rig_request(TERRAPIN_REQUEST_RUN, 6000);
+    rig_request(TERRAPIN_REQUEST_IDLE, 0);
+    rig_run(100);
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
     rig_run(100);
     TEST_ASSERT_TRUE(rig.out.enable);
 }
@@ -153,19 +155,65 @@ static void test_an_idle_holds_against_run_and_calibrate(void) {
     }
 }
 
-static void test_a_further_idle_holds_anew_and_clear_does_not_end_it(void) {
+static void test_a_further_idle_holds_anew(void) {
     rig.command = false;
     rig_run(400);
     command_now(TERRAPIN_REQUEST_IDLE);
     rig_run(500);
     command_now(TERRAPIN_REQUEST_IDLE);
-    command_now(TERRAPIN_REQUEST_CLEAR);
-    for (int ms = 0; ms < 598; ms++) {
+    for (int ms = 0; ms < 599; ms++) {
         command_now(TERRAPIN_REQUEST_RUN);
         TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
     }
     command_now(TERRAPIN_REQUEST_RUN);
     TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_RUN, rig_state());
+}
+
+/* Somebody else sends RUN or CALIBRATE all the time, or again after a pause: what a clear ends starts with an IDLE that
+ * comes after it, and with nothing else. */
+static void test_a_clear_starts_nothing(void) {
+    static const uint8_t starts[] = {TERRAPIN_REQUEST_RUN, TERRAPIN_REQUEST_CALIBRATE};
+    for (size_t i = 0; i < sizeof starts; i++) {
+        rig_start();
+        rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+        rig_run(500);
+        rig.command = false;
+        rig_run(201);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_COMMAND_TIMEOUT));
+        rig_run(5000); /* at rest: nothing else is in the way */
+        command_now(TERRAPIN_REQUEST_IDLE);
+        command_now(TERRAPIN_REQUEST_CLEAR);
+        TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
+        rig.command = true;
+        rig_request(starts[i], 6000);
+        for (int ms = 0; ms < 5000; ms++) {
+            rig.command = (ms / 1000) % 2 == 0;
+            rig_tick();
+            TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+            TEST_ASSERT_FALSE(rig.out.enable);
+        }
+        TEST_ASSERT_EQUAL_INT32_MESSAGE(6, hold_shown(), "why: something holds against it");
+        command_now(TERRAPIN_REQUEST_IDLE);
+        for (int ms = 0; ms < 599; ms++) {
+            command_now(starts[i]);
+            TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+        }
+        command_now(starts[i]);
+        TEST_ASSERT_NOT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+        TEST_ASSERT_NOT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
+    }
+}
+
+/* Also where there was nothing to clear: the running robot halts, and the RUN that goes on does not start it again. */
+static void test_a_clear_in_a_run_halts_it(void) {
+    rig_drive(6000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(1000);
+    command_now(TERRAPIN_REQUEST_CLEAR);
+    rig_request(TERRAPIN_REQUEST_RUN, 6000);
+    rig_until(TERRAPIN_STATE_IDLE, 3000U);
+    rig_run(2000);
+    TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_IDLE, rig_state());
+    TEST_ASSERT_EQUAL_HEX32(0U, rig.out.faults);
 }
 
 /* A host that goes on talking while it is refused is no silent one: braking ends at rest, not in a fault. */
@@ -494,7 +542,9 @@ int main(void) {
     RUN_TEST(test_watchdog_at_200_ms);
     RUN_TEST(test_an_old_request_does_not_start_anything);
     RUN_TEST(test_an_idle_holds_against_run_and_calibrate);
-    RUN_TEST(test_a_further_idle_holds_anew_and_clear_does_not_end_it);
+    RUN_TEST(test_a_further_idle_holds_anew);
+    RUN_TEST(test_a_clear_starts_nothing);
+    RUN_TEST(test_a_clear_in_a_run_halts_it);
     RUN_TEST(test_a_refused_run_keeps_the_command_timeout_away);
     RUN_TEST(test_a_state_that_does_not_exist_keeps_the_bridge_off);
     RUN_TEST(test_every_sensor_fault_switches_off);

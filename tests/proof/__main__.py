@@ -54,6 +54,8 @@ PROOFS = (
         ("if (latched) {", "if (latched && (s->state != TERRAPIN_STATE_RUN)) {"),
         ("const uint32_t kept = clear ? 0U :", "const uint32_t kept = (s->request == TERRAPIN_REQUEST_CLEAR) ? 0U :"),
         ("driving(s->state) && command_late(state)", "(s->state == TERRAPIN_STATE_RUN) && command_late(state)"),
+        ("(s->hold_ms > 0U) && (s->request_taken != TERRAPIN_REQUEST_CLEAR)", "s->hold_ms > 0U"),
+        ("if (!starts) {", "if (request == TERRAPIN_REQUEST_IDLE) {"),
     )),
     Proof("slcan", 35, "link/slcan.c", (
         ("parser->length < TERRAPIN_SLCAN_LINE_MAX", "parser->length <= TERRAPIN_SLCAN_LINE_MAX"),

@@ -51,13 +51,19 @@ int main(void) {
     ASSUME((state.slip.wheel_urad_s > INT32_MIN) && (state.slip.ground_um_s > INT32_MIN));
     ASSUME((state.supervisor.phase >= PHASE_FIRST) && (state.supervisor.phase <= PHASE_HALT));
     ASSUME(state.rates.shell_per_rim.most >= 0);
-    ASSUME((state.supervisor.hold_ms > 0U) || !state.supervisor.refused); /* listen asserts it again */
+    /* listen asserts both again */
+    ASSUME((state.supervisor.hold_ms > 0U) || !state.supervisor.refused);
+    ASSUME((state.supervisor.request_taken != TERRAPIN_REQUEST_CLEAR) ||
+           ((state.supervisor.request == TERRAPIN_REQUEST_CLEAR) && (state.supervisor.hold_ms > 0U)));
     const uint32_t causes = nondet_word();
     const bool gap = nondet_bool();
     const bool known =
         (state.supervisor.state >= TERRAPIN_STATE_BOOT) && (state.supervisor.state <= TERRAPIN_STATE_SAFE);
     const bool drives = driving(state.supervisor.state);
     const uint32_t kept = state.supervisor.faults & TERRAPIN_FAULTS_LATCHED;
+    const bool cleared = state.supervisor.request_taken == TERRAPIN_REQUEST_CLEAR;
+    const bool starts =
+        (inputs.command.request == TERRAPIN_REQUEST_RUN) || (inputs.command.request == TERRAPIN_REQUEST_CALIBRATE);
 
     supervisor_update(&state, &inputs, causes, gap, &demand);
 
@@ -73,6 +79,10 @@ int main(void) {
     PROVE(clear || ((kept & ~state.supervisor.faults) == 0U));          /* only clear takes one away */
     PROVE(!(drives && late) || off);                                    /* a late command: off */
     PROVE(known || off);                                                /* a state that does not exist: off */
+    /* after a clear RUN and CALIBRATE start nothing, and it stays so; nor does the clear itself */
+    PROVE(!cleared || drives || !(starts || !inputs.command_fresh) || (off && !driving(state.supervisor.state)));
+    PROVE(!cleared || !(starts || !inputs.command_fresh) || (state.supervisor.request_taken == TERRAPIN_REQUEST_CLEAR));
+    PROVE(!clear || drives || (off && (state.supervisor.request_taken == TERRAPIN_REQUEST_CLEAR)));
     PROVE(off || driving(state.supervisor.state) || (state.supervisor.state == TERRAPIN_STATE_IDLE));
     PROVE(state.supervisor.phase <= PHASE_HALT);
     return 0;

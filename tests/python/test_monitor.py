@@ -321,6 +321,11 @@ def test_keys_that_drive() -> None:
         "request": "run", "control": "speed", "setpoint": 0.05, "limiter": False,
     }  # fmt: skip
     assert driving.said.startswith("ARMED run 0.05 m/s, limiter off")
+    controls._secured = True  # nobody answers here
+    driving.press("c")
+    assert driving.said.startswith("ARMED idle 0.05 m/s")  # a clear starts nothing: what ran is asked for anew
+    assert controls.answer()["request"] == "idle"
+    driving.press("r")
     driving.press("v")
     assert driving.order.setpoint == 0.0  # of another kind: no volt becomes a metre a second
     driving.stop()

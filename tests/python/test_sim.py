@@ -211,6 +211,11 @@ def test_it_changes_while_it_lives() -> None:
     change(robot, "request = clear")
     after(1.0)
     change(robot, "speed = 0.5 m/s")
+    after(1.0)
+    assert not robot.state()["bridge_on"]  # a clear starts nothing
+    change(robot, "request = idle")
+    after(0.1)
+    change(robot, "speed = 0.5 m/s")
     assert after(4.0)["speed"] == pytest.approx(0.5, abs=0.05)
     change(robot, 'fault = {kind = "stuck", channel = "motor"}')
     assert [fault.kind for fault in robot.faults] == ["stuck"]

@@ -111,13 +111,15 @@ def faults(page: Page) -> list[str]:
 
 def drive(server: Server, who: Page) -> None:
     """Armed, and the wheel turns. On a machine that let its heart wait for too long it is armed again."""
+    sent = -1
 
     def moves() -> bool:
+        nonlocal sent
         if who.status["drive"]["driver"] != who.name:
             command(server, request="clear")
-            who.beat = IDLE
+            who.beat, sent = IDLE, who.status["drive"]["sent"]
             command(server, request="arm", page=who.name)
-        elif who.value("ACTUATE.state") is not None and faults(who) == []:
+        elif who.value("ACTUATE.state") is not None and faults(who) == [] and who.status["drive"]["sent"] > sent:
             who.beat = RUN
         return who.value("ACTUATE.enable") == 1.0 and (who.value("MOTION.shell_speed") or 0.0) > 0.5
 

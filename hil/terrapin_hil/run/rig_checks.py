@@ -14,7 +14,7 @@ from terrapin_hil.scenario.checks import Outcome
 __all__ = ["Talking", "bridge_stays_off", "estop_outcome", "measure_estop"]
 
 PRESSES = 5
-ENABLE_LIMIT = 5.0  # s for a controller to enable its bridge: self test, and a clear after each press
+ENABLE_LIMIT = 5.0  # s for a controller to enable its bridge: self test, or a clear and the hold of an IDLE
 COMMAND_CYCLE = 0.02  # s
 
 
@@ -67,8 +67,9 @@ def measure_estop(rig: Rig, link: Talking, presses: int = PRESSES) -> list[float
     operator.leave_test_mode()
     try:
         for _ in range(presses):
-            for _ in range(3):  # a latched fault goes with `clear`, which a controller in `safe` waits for
-                operator.ask("clear")
+            for request in ("clear", "idle"):  # a latched fault goes with `clear`; it is an IDLE that permits a start
+                for _ in range(3):
+                    operator.ask(request)
             if not _until(rig.enabled, lambda: operator.ask("run"), ENABLE_LIMIT):
                 raise RigError(f"the enable line did not come on within {ENABLE_LIMIT:g} s; {operator.last}")
             reactions.append(rig.press_estop())

@@ -107,6 +107,7 @@ def clear(
     link: Link = INPROCESS, node: NodeNumber = None, link_key: LinkKeyFile = None, flash: Flash = None, json: Json = ""
 ) -> None:
     """End a STOP_ALL, and every latched fault whose cause is gone. Where there is a link key it is needed.
+    Nothing starts by it: the next RUN counts once an IDLE came.
 
     Example: terrapin node clear --link socketcan:can0 --link-key robot.key
     """
@@ -117,7 +118,7 @@ def clear(
         raise UserError(f"--flash: {link} keeps a STOP_ALL itself")
     with open_link(link, LISTED, link_key, **({"flash": flash} if flash else {})) as opened:
         clear_one(opened)
-    deliver({"link": str(link), "cleared": True}, f"{link}: told clear", json)
+    deliver({"link": str(link), "cleared": True}, f"{link}: told clear; it starts nothing before an IDLE", json)
 
 
 SUBCOMMANDS = (list_, set_, clear)

@@ -56,6 +56,7 @@ class Driving:
         if key == "a":
             self._arm()
         elif key == "c":
+            self.order = replace(order, request="idle")  # which the controller wants after a clear
             self.controls.secure()
             self.controls.clear()
         elif not self.armed:

@@ -114,6 +114,7 @@ def test_a_controller_that_hangs_lets_go_within_a_second(chip: Lines, told: sock
         options = ["--can", "vcan0", "--estop", "ESTOP", "--enable", "ENABLE", "--priority", "0", *codes(Path(folder))]
         with Controller(*options) as controller, Peer() as peer:
             peer.keep("clear", lambda: peer.last.get("STATUS", {}).get("ready") == 1, "ready")
+            peer.command("idle")  # a clear starts nothing: this permits it
             peer.keep("run", lambda: chip.value("ENABLE"), "the enable line on")
             pid, late = controller.process.pid, Late()
             before = faults(pid)

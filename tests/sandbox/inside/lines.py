@@ -41,6 +41,7 @@ def options() -> Iterator[list[str]]:
 
 def enabled(chip: Lines, peer: Peer) -> None:
     peer.keep("clear", lambda: peer.last.get("STATUS", {}).get("ready") == 1, "ready")
+    peer.command("idle")  # a clear starts nothing: this permits it
     peer.keep("run", lambda: chip.value("ENABLE"), "the enable line on")
 
 
@@ -70,6 +71,7 @@ def test_estop_puts_the_bridge_off(chip: Lines, options: list[str]) -> None:
             peer.command("run")
             time.sleep(0.01)
             assert not chip.value("ENABLE")
+        assert faults(peer) & 1 == 1
         chip.pull("ESTOP", True)
         time.sleep(0.1)
         peer.keep("run", lambda: peer.last["STATUS"]["state"] == 8, "safe until cleared")
@@ -126,6 +128,7 @@ def test_an_estop_that_vanishes_stops_for_good(chip: Lines, options: list[str]) 
             peer.command("run")
             time.sleep(0.01)
             assert not chip.value("ENABLE")
+        assert faults(peer) & 1 == 1
         assert controller.said().count("the e-stop's line is gone") == 1
         assert controller.stop() == 0
     other.close()

@@ -31,7 +31,7 @@ def stepping() -> None:
         time.sleep(0.5)
         begin = time.monotonic()
         for i in range(SECONDS * 20):
-            peer.command("clear" if i < 20 else "run")
+            peer.command("clear" if i < 20 else "idle" if i < 22 else "run")
             time.sleep(max(0.0, begin + 0.05 * (i + 1) - time.monotonic()))
             peer.listen()
         if dump is not None:

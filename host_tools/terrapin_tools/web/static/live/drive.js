@@ -27,7 +27,7 @@ export class Drive {
     /** @type {number | undefined} */
     this.timer = undefined;
     this.arm = h('button', { type: 'button', text: 'Arm …', onclick: () => { this.dialog.showModal(); this.yes.focus(); } });
-    this.clear = h('button', { type: 'button', text: 'Clear faults', onclick: () => desk.command({ request: 'clear' }) });
+    this.clear = h('button', { type: 'button', text: 'Clear faults', onclick: () => { this.ask('idle'); desk.command({ request: 'clear' }); } }); // after it nothing runs before an IDLE
     this.run = h('button', { type: 'button', class: 'main', text: 'Run', onclick: () => this.ask(this.request === 'run' ? 'idle' : 'run') });
     this.calibrate = h('button', { type: 'button', text: 'Calibrate', onclick: () => { this.led.begin(); this.ask('calibrate'); } });
     this.led = new Calibration(() => this.ask('idle'));
