@@ -149,6 +149,16 @@ def test_arm_run_and_stop(robot: Page, server: Server, browser: Browser) -> None
     expect(page.get_by_role("button", name="Stop", exact=True)).to_be_visible()
 
 
+def test_clearing_halts_what_ran(robot: Page) -> None:
+    """A clear starts nothing: the page that drives asks for idle with it, stays armed, and Run runs again."""
+    runs(robot)
+    robot.get_by_role("button", name="Clear faults").click()
+    expect(robot.locator("[data-tile=State]")).to_contain_text("bridge off")
+    expect(robot.locator("[data-tile=Faults]")).to_contain_text("none")
+    expect(robot.get_by_role("button", name="Run", exact=True)).to_be_visible()
+    runs(robot)
+
+
 def test_a_page_that_is_closed_drives_no_more(robot: Page, server: Server, browser: Browser) -> None:
     context = browser.new_context()
     other = context.new_page()
