@@ -15,6 +15,8 @@ import pyarrow.parquet
 import pytest
 
 from terrapin_hil import paths
+from terrapin_hil.messages import interface
+from terrapin_interface.robot import identity_of
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
@@ -120,6 +122,20 @@ def test_replay_of_what_a_crash_left(run: Path, tmp_path: Path) -> None:
     assert "every answer is the recorded one" in done.stdout
     assert "no run.toml beside" in done.stdout
     assert "run.toml" not in terrapin("log", "replay", run).stdout
+
+
+def test_replay_of_a_log_that_says_whose_it_is(run: Path, tmp_path: Path) -> None:
+    """A log of a bus, without its run.toml, holds the controller's IDENTITY; else it says what it assumed."""
+    sphere, own = identity_of("sphere"), int(interface().constants["interface_identity"])
+    log = (run / "telemetry.log").read_text()
+    for robot, status, words in ((sphere, 2, "that of sphere, expected cylinder; --robot says whose"),
+                                 (identity_of("cylinder"), 0, "every answer is the recorded one")):  # fmt: skip
+        values = {"robot": robot, "interface": own, "board": 0, "version": interface().version}
+        said = bytes(interface().messages["IDENTITY"].encode(values)[0]).hex().upper()
+        (tmp_path / "x.log").write_text(f"(0.000000) can0 198#{said}\n{log}")
+        done = terrapin("log", "replay", tmp_path / "x.log", status=status)
+        assert words in done.stdout + done.stderr
+    assert "parameters at their defaults of robot cylinder" in done.stdout
 
 
 def test_replay_needs_ticks(tmp_path: Path) -> None:

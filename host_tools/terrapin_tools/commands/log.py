@@ -236,8 +236,13 @@ def replay(
 
     Example: terrapin log replay out/slope
     """
+    import numpy as np
+
     from terrapin_hil.links import open_link
+    from terrapin_hil.links.identity import require_fit
+    from terrapin_hil.links.link import LinkError
     from terrapin_hil.messages import ParameterError, interface
+    from terrapin_hil.robots import selected
     from terrapin_tools.logs.reading import LogReader, read_log
     from terrapin_tools.logs.replay import replay as again
     from terrapin_tools.param.files import read_parameters, require_own
@@ -251,6 +256,11 @@ def replay(
     values = read_parameters(source, description) if source else {}
     frames, cut = read_log(path)
     _warn(path, cut)
+    try:
+        for row in np.flatnonzero(frames.identifiers == description.messages["IDENTITY"].id)[:1].tolist():
+            require_fit(str(path), frames.payload(row))  # said on a bus, where each run begins by asking
+    except LinkError as error:
+        raise UserError(str(error)) from None
     try:
         with open_link(link, link_key=link_key) as opened:
             found = again(frames, opened, values, description, real_time, cut=bool(cut))
@@ -266,7 +276,10 @@ def replay(
     }
     text = [f"{found.ticks} ticks, {found.frames} answers compared in {found.seconds:.2f} s"]
     if not source:
-        text.append(f"no run.toml beside {path}: parameters at their defaults; --parameters FILE says others")
+        text.append(
+            f"no run.toml beside {path}: parameters at their defaults of robot {selected().name}; --parameters FILE "
+            "says others, --robot another robot"
+        )
     if found.different:
         differ = "1 tick differs" if found.different == 1 else f"{found.different} ticks differ; the first"
         text.append(f"{differ}:")
