@@ -99,8 +99,14 @@ class Check:
         if isinstance(value, np.ndarray):
             raise CheckError(f"{self.text!r} is a signal, not yes or no; put any() or all() around it")
         passed = bool(value) and not np.isnan(value)
-        missed = "" if passed else self.missed(run.numbers)
+        missed = "" if passed else "; ".join(filter(None, (self.missed(run.numbers), self._empty(time))))
         return Outcome(self.text, passed, "; ".join(run.seen), tuple(run.numbers.items()), missed)
+
+    def _empty(self, time: Array) -> str:
+        """Which time window has no value, whatever was measured."""
+        end = float(time[-1]) if time.size else 0.0
+        late = self.beyond(end)
+        return f"{late} is empty: the run ends at {end:.4g} s" if late else ""
 
     def missed(self, numbers: Mapping[str, float]) -> str:
         """What does not hold in a check that failed, and by how much, from its numbers as `Outcome` has them.
