@@ -252,7 +252,9 @@ class Section:
 
         def convert(value: Any) -> str:
             if value not in names:
-                raise ValueError(f"found {shorten(value)}, expected one of {', '.join(names)}")
+                near = difflib.get_close_matches(str(value), names, 1)
+                hint = f"; is `{near[0]}` meant?" if near else ""
+                raise ValueError(f"found {shorten(value)}, expected one of {', '.join(names)}{hint}")
             return str(value)
 
         return self.value(key, convert, default)

@@ -121,6 +121,7 @@ WRONG = {
     "fault": (GOOD.replace('kind = "supply"', 'kind = "gremlin"'), r"fault\[1\]\.kind: found 'gremlin'"),
     "fault's value": (GOOD.replace('value = "5 V"', ""), r"fault\[1\]\.value: missing"),
     "channel": (GOOD.replace("current.offset", "currant.offset"), r"sensors\.currant: no such field; is `current` me"),
+    "fault kind": (GOOD.replace('kind = "supply"', 'kind = "suply"'), r"kind: found 'suply', .*; is `supply` meant\?"),
     "kit": (GOOD.replace('"real"', '"best"'), r":11: sensors\.kit: found 'best', expected one of exact, ideal, real"),
     "effect": (GOOD.replace("viscous_friction", "stickiness"), r"effect\.stickiness: no effect that the plant can"),
     "effect's size": (GOOD.replace('b = "0.2 mN m s/rad"', ""), r"effect\.viscous_friction\.b: missing"),
@@ -200,6 +201,14 @@ def test_checks(text: str, passed: bool) -> None:
     outcome = parse_check(text).evaluate(TIME, SIGNALS, ENUMS)
     assert outcome.passed is passed
     assert outcome.found
+
+
+def test_a_window_behind_the_runs_end_is_said_to_be_empty() -> None:
+    """It read `no value`, as if the signal had none."""
+    assert TIME[-1] < 30.0
+    missed = parse_check("max(slip[30:40]) < 1").evaluate(TIME, SIGNALS, ENUMS).missed
+    assert missed == f"max(slip[30:40]) < 1: no value; slip[30:40] is empty: the run ends at {TIME[-1]:.4g} s"
+    assert "empty" not in parse_check("max(slip[1:]) < 0").evaluate(TIME, SIGNALS, ENUMS).missed
 
 
 @pytest.mark.parametrize(
