@@ -93,6 +93,8 @@ def _in_own_words(error: typer.TyperException) -> str:
     """What is wrong with the command line. Of a value: which, what was found and what was expected, as everywhere else;
     Typer hands on the words of pydantic."""
     message = error.format_message()
+    if re.match(r"No such option: -[\d.]", message):
+        return f"{message}; a negative value comes after --"
     wrong, errors = _WRONG.match(message), getattr(error.__cause__, "errors", None)
     if wrong is None or errors is None:
         return message

@@ -108,6 +108,7 @@ def test_short_help_is_help(command: str, capsys: pytest.CaptureFixture[str], mo
         (["compar"], "No such command 'compar'. Did you mean 'compare'?"),
         (["exprot", "x"], "No such command 'exprot'. Did you mean 'export'"),
         (["param", "lst"], "No such command 'lst'. Did you mean 'list'"),
+        (["param", "set", "comp_coulomb", "-0.5"], "No such option: -0; a negative value comes after --"),
         (["run", "steady_sand", "--sed", "7"], "No such option: --sed (Possible options: --seed, --set)"),
         (["qqqq"], "No such command 'qqqq'.\n"),
         (
