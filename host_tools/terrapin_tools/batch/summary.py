@@ -163,7 +163,7 @@ def summarise(table: Table, duration: float | None = None) -> Summary:
         share_limits(int(failed.sum()), len(table)),
         {text: sum(value is False for value in held) for text, held in table.checks.items()},
         {text: _quantiles(values) for text, values in table.numbers.items()},
-        {text: table.units[text] for text in table.numbers if table.units[text]},
+        {text: unit for text in table.numbers if (unit := table.units.get(text))},
         {text: int(np.isnan(values).sum()) for text, values in table.numbers.items()},
         {text: said for text, said in why.items() if said},
         {what: {name: of[name] for name in order} for what, of in ratios.items()},
