@@ -13,7 +13,9 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
+from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case
+from terrapin_tools.workbench.case.changes import OwnEffect, extended
 from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
 from terrapin_tools.workbench.compare.comparison import (
     LEVEL,
@@ -48,7 +50,7 @@ from terrapin_tools.workbench.experiment.proposal import Experiment, propose
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, extend
-from terrapin_tools.workbench.model.table_faults import at_fault
+from terrapin_tools.workbench.model.table_faults import Fault, at_fault
 from terrapin_tools.workbench.noise.estimate import Noise
 
 __all__ = ["Candidate", "Discovery", "discover", "rung"]
@@ -227,14 +229,26 @@ def _said(found: Weighed, level: float) -> tuple[Analysis, Ranking, Decision]:
 def _ahead(case: Case, ranking: Ranking, said: Decision, seed: int, level: float) -> Decision:
     """What compare would say with the answer in the model: that nothing else is missing is not said where it surely
     raises an alarm then. While something was missing, what else is wrong may have passed for a kind of noise."""
-    known = {**case.library, **ranking.expressions}
-    if said.verdict != "missing" or any(name not in known for name in said.told[0].effects):
+    if said.verdict != "missing":
         return said
-    with_it = replace(case, library=known, effects=(*case.effects, *said.told[0].effects))
-    p_value = analyse(with_it, seed, level).adequacy.p_value
+    try:
+        p_value = analyse(_having(case, ranking, said.told[0]), seed, level).adequacy.p_value
+    except UserError:  # so few rows that the answer takes as many parameters, which no comparison judges
+        return said
     if p_value >= level / CLEARLY:
         return said
-    return replace(said, verdict="partial", probability=calibrated(1.0 - p_value, "partial"))
+    return replace(said, verdict="partial", probability=min(said.probability, calibrated(1.0 - p_value, "partial")))
+
+
+def _having(case: Case, ranking: Ranking, answer: Hypothesis) -> Case:
+    """The case with an answer in its model, as `add` makes it."""
+    assert answer.fit is not None
+    mends = {e.name: OwnEffect("", None, {}, e.mend) for e in answer.fit.model.effects if isinstance(e, Fault)}
+    changes = [name for name in answer.effects if name in mends or named(name)]
+    if changes:
+        case = case.changed(extended(case.text, case.stated, changes, mends))
+    added = [name for name in answer.effects if name not in changes]
+    return replace(case, library={**case.library, **ranking.expressions}, effects=(*case.effects, *added))
 
 
 def _telling_apart(analysis: Analysis, ranking: Ranking, rivals: Sequence[Hypothesis]) -> Experiment | None:
