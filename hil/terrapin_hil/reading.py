@@ -15,7 +15,7 @@ import stat
 import threading
 import tomllib
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields
 from itertools import pairwise
 from pathlib import Path
@@ -28,6 +28,7 @@ __all__ = [
     "QUANTITY",
     "ReadingError",
     "Section",
+    "is_meant",
     "key_parts",
     "load",
     "locate",
@@ -115,6 +116,16 @@ def _converted(number: float, given: str, unit: str) -> float:
     if known is not None:
         return number * known
     return float(units().Quantity(number, read_unit(given)).to(read_unit(unit)).magnitude)
+
+
+def is_meant(said: str, known: Collection[str]) -> str:
+    """What stands behind a complaint about a name: a known one that is near; empty where none is.
+
+    >>> is_meant("suply", ["supply", "stuck"])
+    '; is `supply` meant?'
+    """
+    near = difflib.get_close_matches(said, known, 1)
+    return f"; is `{near[0]}` meant?" if near else ""
 
 
 def shorten(value: object) -> str:
@@ -252,9 +263,8 @@ class Section:
 
         def convert(value: Any) -> str:
             if value not in names:
-                near = difflib.get_close_matches(str(value), names, 1)
-                hint = f"; is `{near[0]}` meant?" if near else ""
-                raise ValueError(f"found {shorten(value)}, expected one of {', '.join(names)}{hint}")
+                expected = f"one of {', '.join(names)}{is_meant(str(value), names)}"
+                raise ValueError(f"found {shorten(value)}, expected {expected}")
             return str(value)
 
         return self.value(key, convert, default)
@@ -295,9 +305,7 @@ class Section:
         """Refuses the first key that was not read."""
         for key in self._values:
             if key not in self._read:
-                near = difflib.get_close_matches(key, {*known, *self._read}, 1)
-                hint = f"; is `{near[0]}` meant?" if near else ""
-                raise self.error(key, f"no such field{hint}")
+                raise self.error(key, f"no such field{is_meant(key, {*known, *self._read})}")
 
 
 def quantities(section: Section, kind: type[T], default: T | None = None) -> T:

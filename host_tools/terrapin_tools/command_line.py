@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import importlib
 import os
 import pkgutil
@@ -98,14 +97,13 @@ def _in_own_words(error: typer.TyperException) -> str:
     wrong, errors = _WRONG.match(message), getattr(error.__cause__, "errors", None)
     if wrong is None or errors is None:
         return message
-    from terrapin_hil.reading import shorten
+    from terrapin_hil.reading import is_meant, shorten
 
     first = errors()[0]
     found = str(first["input"])
     if choice := _CHOICE.search(str(first["msg"])):
         known = choice[1].split("', '")
-        near = difflib.get_close_matches(found, known, 1)
-        expected = f"one of {', '.join(known)}" + (f"; is `{near[0]}` meant?" if near else "")
+        expected = f"one of {', '.join(known)}{is_meant(found, known)}"
     elif first["type"] in _EXPECTED:
         expected = _EXPECTED[first["type"]].format(**first.get("ctx", {}))
     else:

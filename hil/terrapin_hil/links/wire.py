@@ -14,7 +14,7 @@ from terrapin_hil.links.slcan import ControllerProcess, SlcanPort
 from terrapin_hil.messages import Frame, Interface, Sender, interface
 from terrapin_hil.nodes import Node
 
-__all__ = ["SlcanLink", "open_link", "write_parameters"]
+__all__ = ["BY_ITSELF", "SlcanLink", "open_link", "write_parameters"]
 
 BY_ITSELF = "a controller goes on by itself, out of test mode: is its bridge on, or is it a robot of `terrapin sim`?"
 QUIET = 0.03  # s after the arming of test mode in which a controller by itself sends nothing more

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from terrapin_hil.messages import Interface, Parameter
-from terrapin_hil.reading import load, parse_quantity
+from terrapin_hil.reading import load
 from terrapin_tools.errors import UserError
 
 __all__ = ["raw_of", "read_file", "read_parameters", "require_own", "text_of", "to_toml"]
@@ -32,10 +32,10 @@ def raw_of(parameter: Parameter, text: str, is_raw: bool = False) -> int:
                 raise ValueError(f"raw {raw} is outside {parameter.minimum} to {parameter.maximum}")
             return raw
         try:
-            number: object = float(text)
+            number: float | str = float(text)
         except ValueError:
             number = text
-        return parameter.raw(parse_quantity(number, parameter.unit))
+        return parameter.raw(parameter.number(number))
     except ValueError as error:
         raise UserError(
             f"parameter {parameter.name}: {str(error).removeprefix(f'parameter {parameter.name}: ')}"
