@@ -15,7 +15,7 @@ from discovery_campaign import one
 from discovery_cases import Made, confounded, make
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.compare.comparison import error, fitted_on, measured
+from terrapin_tools.workbench.compare.comparison import LEVEL, analyse, error, fitted_on, measured
 from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Sums
@@ -52,7 +52,7 @@ def heldout_ratio(case: Made, found: Discovery) -> float:
     [
         ("speed_squared", 1),
         ("viscous_friction", 3),
-        ("cogging", 9),
+        ("cogging", 10),
         ("motor_heating", 10),
         ("current_offset", 5),
     ],
@@ -65,6 +65,17 @@ def test_names_the_one_hidden_effect(effect: str, seed: int) -> None:
     assert found.answer_probability > 0.5
     assert found.candidates[0].effect.name == effect
     assert heldout_ratio(case, found) < 1.05
+
+
+def test_what_the_next_comparison_would_alarm_at_is_told_as_left() -> None:
+    """Noise as one case in a thousand has it: the effect is named, and compare after `add` is heard at once."""
+    case = made("rolling_steady", ("cogging",), 14, 0.5, 3.0, seed=9)
+    found = discover(case.case)
+    assert (found.verdict, found.missing) == ("partial", ("cogging",))
+    after = analyse(replace(case.case, effects=(*case.case.effects, "cogging")), 0, LEVEL)
+    assert after.adequacy.p_value < LEVEL
+    assert found.part is not None
+    assert found.part.left == pytest.approx(1.0, abs=0.1)  # noise sd: nothing that a size is seen of
 
 
 @pytest.mark.parametrize(("effect", "seed"), [("slip_sinkage", 2), ("force_offset", 3)])

@@ -96,10 +96,10 @@ def case_of(
     train, test = ([one] if isinstance(one, str) else one for one in (train, test))
     table, told = table_of(source)
     channels = equation or motion.measured
-    if base == "equation" and motion.derivative and not equation:
-        base = "ode"
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
+    if motion.derivative and not equation and BASES[base].own_names:  # equations of one's own, of motion
+        base = next(name for name, one in BASES.items() if one.own_names and one.own_dynamics)
     run_column = meant(run, table.columns) if run else ""
     if run_column is None:
         raise UserError(f"run: found {run!r}, expected one of {', '.join(table.columns)}")
