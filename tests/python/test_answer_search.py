@@ -161,8 +161,8 @@ def test_what_lies_next_to_an_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     share in the prediction."""
     asked: list[Any] = []
 
-    def likely(ranker: Any, beyond: Any, present: Any, anyway: Any, best: float) -> list[str]:
-        asked.append((beyond.of, present, anyway, best))
+    def likely(ranker: Any, beyond: Any, centre: Hypothesis, anyway: Any, best: float) -> list[str]:
+        asked.append((beyond.of, centre.effects, anyway, best))
         return ["new"]
 
     monkeypatch.setattr(closure, "_likely", likely)
@@ -217,8 +217,8 @@ def test_a_deviation_is_unfolded_into_a_line_and_a_constant(monkeypatch: pytest.
     ranker: Any = Bench()
     asked: list[Any] = []
 
-    def likely(ranker: Any, beyond: Any, present: Any, anyway: Any, best: float) -> list[str]:
-        asked.append((beyond.of, present, anyway, best))
+    def likely(ranker: Any, beyond: Any, centre: Hypothesis, anyway: Any, best: float) -> list[str]:
+        asked.append((beyond.of, centre.effects, anyway, best))
         return ["offset", "drag"]
 
     monkeypatch.setattr(closure, "_likely", likely)
@@ -247,7 +247,7 @@ def test_effects_and_formulas_that_promise_most_are_tried(monkeypatch: pytest.Mo
         ranker.listed = SimpleNamespace(
             sketches=[_sketch(f"k*x{i}") for i in range(len(formulas))], promise=lambda beyond: np.array(formulas)
         )
-        return closure._likely(ranker, None, present, anyway, best)  # type: ignore[arg-type]
+        return closure._likely(ranker, None, _answer(" ".join(present), 0.0), anyway, best)  # type: ignore[arg-type]
 
     assert likely({"a": 1.0, "b": 9.0, "here": 99.0, "c": 0.9}) == ["b"]
     assert likely({"a": 1.1, "b": 9.0, "c": 1.0}) == ["b", "a"]
@@ -265,6 +265,34 @@ def test_effects_and_formulas_that_promise_most_are_tried(monkeypatch: pytest.Mo
     assert likely({}, [5.0 - 0.1 * i for i in range(7)]) == [f"[k*x{i}]" for i in range(4)]
 
 
+def test_over_time_formulas_are_listed_along_the_motion_of_the_centre(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A drag beside a hard spring was tanh and a dead zone at 0.98: along the present fit's motion none.
+    Each formula is tried once, at its likeliest scale."""
+    monkeypatch.setattr(closure, "by_effect", lambda beyond, flat: {})
+    sketches = [_sketch("k*tanh(v/w)"), _sketch("k*tanh(v/w)"), _sketch("k*v**3"), _sketch("k*v*abs(v)")]
+    logs = np.array([9.0, 8.0, 7.0, 6.0])
+    centre = _answer("here", 0.0)
+
+    def along(ranker: Any, fit: Any, beyond: Any) -> Any:
+        assert fit is centre.fit
+        return SimpleNamespace(sketches=sketches, promise=lambda beyond: logs)
+
+    monkeypatch.setattr(closure, "along", along)
+    ranker: Any = Bench(listed=_listed())
+    ranker.case = SimpleNamespace(dynamics=object(), base=SimpleNamespace(whole_runs=True))
+    named = [f"[{one}]" for one in ("k*tanh(v/w)", "k*v**3", "k*v*abs(v)")]
+    assert closure._likely(ranker, None, centre, (0, 1), -np.inf) == named  # type: ignore[arg-type]
+
+
+def test_beside_a_unit_that_was_mistaken_the_search_goes_on() -> None:
+    ranker: Any = Bench(faults={"scale": SimpleNamespace(factor=9.8), "late": SimpleNamespace(factor=1.0)})
+    found = [_answer("a b", 50.0), _answer("scale", 3.0), _answer("scale a", 9.0), _answer("late", 20.0)]
+    assert closure._hides(ranker, found) is None
+    ranker.case.dynamics = object()
+    assert closure._hides(ranker, found) is found[2]
+    assert closure._hides(ranker, [found[0], found[3]]) is None
+
+
 def test_a_wave_is_weighed_by_both_of_its_columns(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(closure, "by_effect", lambda beyond, flat: {"a": 1.0, "tooth": -20.0})
 
@@ -279,8 +307,8 @@ def test_a_wave_is_weighed_by_both_of_its_columns(monkeypatch: pytest.MonkeyPatc
     beyond: Any = SimpleNamespace(gram=lambda columns: columns, blocks=blocks)
     ranker: Any = Bench(flat=[shape("tooth", 3.0, 2), shape("tooth", 2.0, 2), shape("a", 50.0, 1),
         shape("pole", -9.0, 2), shape("here", 60.0, 2)], listed=_listed())  # fmt: skip
-    assert closure._likely(ranker, beyond, ["here"], (1, 1), -np.inf) == ["tooth", "a"]
-    assert closure._likely(ranker, beyond, ["here"], (3, 1), -np.inf) == ["tooth", "a", "pole"]
+    assert closure._likely(ranker, beyond, _answer("here", 0.0), (1, 1), -np.inf) == ["tooth", "a"]
+    assert closure._likely(ranker, beyond, _answer("here", 0.0), (3, 1), -np.inf) == ["tooth", "a", "pole"]
 
 
 class Formulas:

@@ -19,7 +19,7 @@ from terrapin_hil.physics.program import instructions
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.compare.comparison import analyse, error, fitted_on
-from terrapin_tools.workbench.discover.discovery import discover
+from terrapin_tools.workbench.discover.discovery import Discovery, discover
 from terrapin_tools.workbench.discover.ranker import Ranker
 from terrapin_tools.workbench.formulas import expressions
 from terrapin_tools.workbench.model.fitting import covariance, minimise
@@ -212,11 +212,11 @@ position = { column = "x", unit = "mm", sigma = 5.0 }
 CUBIC, RUNS, ROWS = 5.0, 6, 120
 
 
-def spring(folder: Path, cubic: float = 0.0, text: str = TEXT, seed: int = 1) -> Path:
+def spring(folder: Path, cubic: float = 0.0, text: str = TEXT, seed: int = 1, more: str = "0") -> Path:
     """m = 1.3, d = 0.5, k = 8, in steps of 40 ms, by the project's own integrator at a twentieth of the step."""
     random = np.random.default_rng(seed)
     slots = {"time": 0, "x": 1, "v": 2, "force": 3}
-    code = [instructions(one, slots, {}) for one in ("v", f"(force - 0.5*v - 8*x - {cubic}*x**3)/1.3")]
+    code = [instructions(one, slots, {}) for one in ("v", f"(force - 0.5*v - 8*x - {cubic}*x**3 - {more})/1.3")]
     ode = Ode(code, [instructions("x", slots, {})], len(slots), [], np.ones(2))
     clock = 0.04 * np.arange(ROWS)
     lines = ["run,t,f,x,first"]
@@ -266,6 +266,28 @@ def test_an_input_in_another_unit_is_told_as_such(tmp_path: Path, start: float) 
     fault = found.candidates[0].effect
     assert isinstance(fault, Fault)
     assert fault.factor == pytest.approx(9.80665)
+
+
+KILOGRAMS = TEXT.replace('column = "f", unit = "N"', 'column = "f", unit = "N", factor = 0.101971621')
+
+
+def said(found: Discovery) -> set[str]:
+    """What an answer names: a formula by its text, what has a name by that."""
+    listed = found.ranking.expressions
+    return {listed[name].expression if name in listed else name for name in found.missing}
+
+
+def test_a_unit_is_told_beside_a_strong_law(tmp_path: Path) -> None:
+    """Along the present fit's motion, a force in kilograms beside a hard spring was k*force at 0.99."""
+    found = discover(load_case(spring(tmp_path / "case", 60.0, KILOGRAMS, seed=3)))
+    assert found.verdict == "missing"
+    assert said(found) == {"table.force.scale", "k_*x**3"}
+
+
+def test_a_stop_at_one_end_is_told(tmp_path: Path) -> None:
+    found = discover(load_case(spring(tmp_path / "case", more="50*max(x - 0.3, 0)")))
+    assert found.verdict == "missing"
+    assert said(found) == {"k_*max(x - w, 0)"}
 
 
 def test_the_truth_is_found_and_is_enough(tmp_path: Path) -> None:

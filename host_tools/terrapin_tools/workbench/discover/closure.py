@@ -14,9 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.discover.expression_answers import pairs_beside, paying
+from terrapin_tools.workbench.bases import formula_name
+from terrapin_tools.workbench.discover.expression_answers import along, pairs_beside, paying
 from terrapin_tools.workbench.discover.leftover import SAME, absent
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker, by_effect
+from terrapin_tools.workbench.formulas.expressions import Sketch
+from terrapin_tools.workbench.model.table_faults import scalable, usual_scales
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["neighbours"]
@@ -44,18 +47,19 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     while len(looked_at) < 2 * CENTRES:
         standing = _standing(ranker, list(known.values()))
         best = max(h.log_weight for h in standing)
+        hides = _hides(ranker, standing)
         waiting = [
             h
             for h in standing
             if h.effects
             and frozenset(h.effects) not in looked_at | twins_of
-            and (h.log_weight > best - CLOSE or _hides(ranker, h))
+            and (h.log_weight > best - CLOSE or h is hides)
             and not absent(h.fit, h.effects)
         ]
         if not waiting:
             break
-        centre = max(waiting, key=lambda h: (_hides(ranker, h), h.log_weight))
-        if len(looked_at) >= CENTRES and centre.log_weight < best and not _hides(ranker, centre):
+        centre = max(waiting, key=lambda h: (h is hides, h.log_weight))
+        if len(looked_at) >= CENTRES and centre.log_weight < best and centre is not hides:
             break  # what lies next to the best is looked at in any case
         if _is_body(ranker):
             assert centre.fit is not None
@@ -85,11 +89,13 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
     return new
 
 
-def _hides(ranker: Ranker, one: Hypothesis) -> bool:
-    """Whether it is a column of the user's own equations in another unit: what is missing beside it may be large, and
-    shows only then."""
-    faults = [ranker.faults[name] for name in one.effects if name in ranker.faults]
-    return ranker.case.dynamics is not None and len(one.effects) == 1 and any(f.factor != 1.0 for f in faults)
+def _hides(ranker: Ranker, standing: Sequence[Hypothesis]) -> Hypothesis | None:
+    """The likeliest answer with a column of the user's own equations in another unit: what is missing beside it may be
+    large, and shows only then."""
+    if ranker.case.dynamics is None:
+        return None
+    scaled = {name for name, fault in ranker.faults.items() if fault.factor != 1.0}
+    return max((h for h in standing if scaled.intersection(h.effects)), key=lambda h: h.log_weight, default=None)
 
 
 def _is_body(ranker: Ranker) -> bool:
@@ -122,13 +128,13 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
         wrong = member in ranker.faults
         beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, member)
         promised = centre.log_weight - ranker.log_prior(centre.effects)
-        found += [(*rest, n) for n in _likely(ranker, beyond, centre.effects, ANYWAY, promised)]
+        found += [(*rest, n) for n in _likely(ranker, beyond, centre, ANYWAY, promised)]
         found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]
         found += [(*rest, *names) for names in _unfolded(ranker, centre, member)]
-        found += [(*rest, fault) for fault in _over_time(ranker, centre)]
+        found += [(*rest, fault) for fault in [*_over_time(ranker, centre), *_in_another_unit(ranker, centre, member)]]
     if len(centre.effects) < MOST[0]:
         beyond = ranker.beyond(centre.fit)
-        found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre.effects, (1, 1), beyond.nothing)]
+        found += [(*centre.effects, n) for n in _likely(ranker, beyond, centre, (1, 1), beyond.nothing)]
         found += [(*centre.effects, fault) for fault in _over_time(ranker, centre)]
     return found
 
@@ -136,6 +142,26 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
 def _over_time(ranker: Ranker, centre: Hypothesis) -> list[str]:
     """Faults of the table that may stand beside a term of the user's own equations: nothing is linear in them."""
     return [name for name in ranker.faults if ranker.case.dynamics is not None and name not in centre.effects]
+
+
+def _in_another_unit(ranker: Ranker, centre: Hypothesis, member: str) -> list[str]:
+    """What k*force beside other terms may be: the column in another unit, which no fit without those terms shows."""
+    own = ranker.sketches.get(member)
+    if ranker.case.dynamics is None or own is None or own.text != f"k_*{own.column}" or not ranker.possible:
+        return []
+    column = next((name for name in scalable(ranker.case) if formula_name(name) == own.column), None)
+    if column is None:
+        return []
+    assert centre.fit is not None
+    model = ranker.fit(tuple(n for n in centre.effects if n != member)).model
+    values = {f.key: value for f, value in zip(centre.fit.model.fitted, centre.fit.theta, strict=True)}
+    start = np.array([values[f.key] for f in model.fitted])
+    usual = usual_scales(ranker.case, column)
+    likeliest = min(usual, key=lambda fault: ranker.of_one_run(model.having(fault), start))
+    if likeliest.name in ranker.faults:
+        return []
+    ranker.faults[likeliest.name] = ranker.effects[likeliest.name] = likeliest
+    return [likeliest.name]
 
 
 def _bent_alike(ranker: Ranker, member: str) -> list[str]:
@@ -164,14 +190,14 @@ def _unfolded(ranker: Ranker, centre: Hypothesis, member: str) -> list[tuple[str
         return []
     name = ranker.expression(line)
     fit = ranker.fit((*(n for n in centre.effects if n != member), name))
-    constant = _likely(ranker, ranker.beyond(fit), centre.effects, (1, 0), np.inf)
+    constant = _likely(ranker, ranker.beyond(fit), centre, (1, 0), np.inf)
     return [(name, one) for one in constant]
 
 
-def _likely(
-    ranker: Ranker, beyond: Evidence, present: Sequence[str], anyway: tuple[int, int], best: float
-) -> list[str]:
-    """Effects and formulas that explain most of what `beyond` sees, names in their order."""
+def _likely(ranker: Ranker, beyond: Evidence, centre: Hypothesis, anyway: tuple[int, int], best: float) -> list[str]:
+    """Effects and formulas that explain most of what `beyond` sees beside a centre, names in their order."""
+    assert centre.fit is not None
+    present = centre.effects
     scores = {n: v for n, v in by_effect(beyond, ranker.flat).items() if n not in present}
     for shape in ranker.flat:
         if shape.columns.shape[1] > 1 and shape.effect not in present:  # a wave
@@ -181,11 +207,18 @@ def _likely(
     effects = sorted(scores, key=lambda n: -scores[n])
     top = max([best, *scores.values()])
     chosen = [n for i, n in enumerate(effects[: PROMISED[0]]) if i < anyway[0] or scores[n] > top - NEAR]
-    if not ranker.listed.sketches:
+    listed = ranker.listed if ranker.case.dynamics is None else along(ranker, centre.fit, beyond)
+    if not listed.sketches:
         return chosen
-    logs = ranker.listed.promise(beyond)
-    order = np.argsort(-logs, kind="stable")[: PROMISED[1]]
-    top = max([best, float(logs[order[0]])])
-    likely = [int(i) for place, i in enumerate(order) if place < anyway[1] or logs[i] > top - NEAR]
-    named = [ranker.expression(ranker.listed.sketches[i]) for i in likely]
-    return chosen + [n for n in named if n not in present]
+    order: dict[object, tuple[float, Sketch]] = {}
+    logs = listed.promise(beyond)
+    for i in np.argsort(-logs, kind="stable"):
+        sketch = listed.sketches[i]
+        # over time one refit is all that a formula gets: its likeliest scale stands for the others
+        alike = (sketch.target, sketch.text) if ranker.case.base.whole_runs else i
+        order.setdefault(alike, (float(logs[i]), sketch))
+        if len(order) == PROMISED[1]:
+            break
+    top = max(best, *(value for value, _ in order.values()))
+    likely = [s for i, (value, s) in enumerate(order.values()) if i < anyway[1] or value > top - NEAR]
+    return chosen + [n for n in map(ranker.expression, likely) if n not in present]

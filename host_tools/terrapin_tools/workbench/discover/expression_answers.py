@@ -19,13 +19,13 @@ from terrapin_tools.workbench.case.instruments import ZERO
 from terrapin_tools.workbench.compare.comparison import error
 from terrapin_tools.workbench.discover.leftover import absent, doubts, pays
 from terrapin_tools.workbench.discover.ranker import WITHIN, Hypothesis, Ranker
-from terrapin_tools.workbench.formulas.expressions import Sketch, library
+from terrapin_tools.workbench.formulas.expressions import Library, Sketch, library
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["expression_pairs", "expressions", "pairs_beside", "paying"]
+__all__ = ["along", "expression_pairs", "expressions", "pairs_beside", "paying"]
 
 REFITTED = 6  # expressions; chosen by hand, for time
 OF_ONE_COLUMN = 2  # of them at most: shapes of one column look alike, and another column must get its chance
@@ -103,10 +103,15 @@ def _as_stated(ranker: Ranker, tried: set[tuple[str, str]]) -> list[Sketch]:
     return _along(ranker, fit, ranker.beyond(fit), tried)
 
 
+def along(ranker: Ranker, fit: Fit, beyond: Evidence) -> Library:
+    """The sketches that differ along the motion of a fit."""
+    none = np.zeros((ranker.values.size, 0))
+    return library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat, ranker.misfit)
+
+
 def _along(ranker: Ranker, fit: Fit, beyond: Evidence, tried: set[tuple[str, str]]) -> list[Sketch]:
     """The likeliest sketches along the motion of a fit, which are tried from now on."""
-    none = np.zeros((ranker.values.size, 0))
-    listed = library(fit.model, fit.theta, ranker.rows, ranker.sigma, none, beyond.flat, ranker.misfit)
+    listed = along(ranker, fit, beyond)
     logs = listed.promise(beyond)
     chosen: dict[tuple[str, str], Sketch] = {}
     for index in np.argsort(-logs, kind="stable")[:INSTEAD]:

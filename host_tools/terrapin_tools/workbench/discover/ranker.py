@@ -98,20 +98,23 @@ class Ranker:
         if not self.case.base.whole_runs or not self.analysis.missing:
             return faults(self.case)
 
-        train = self.case.train
-        one = train & (self.case.run == np.bincount(self.case.run[train]).argmax())  # tells a unit, in a fair time
-        values = measured(self.model, one)
-
         def misfit(fault: Fault | None) -> float:
-            bound = (self.model if fault is None else self.model.having(fault)).bind(self.case.inputs, one)
-            if self.case.dynamics is None:  # a fit of a body over time takes long
-                gap = (values - bound.predict(self.model.start)) / self.sigma[:, None]
-                cost = float((gap * gap).sum())
-            else:
-                cost = fit_model(bound, values, self.sigma, [self.model.start]).cost
-            return cost if np.isfinite(cost) else np.inf
+            return self.of_one_run(self.model if fault is None else self.model.having(fault), self.model.start)
 
         return faults_over_time(self.case, misfit)
+
+    def of_one_run(self, model: Model, start: Array) -> float:
+        """Misfit of a model on the longest run, which tells a unit in a fair time: of the user's own equations after a
+        fit; of a body, whose fit takes long, at its start."""
+        train = self.case.train
+        one = train & (self.case.run == np.bincount(self.case.run[train]).argmax())
+        bound, values = model.bind(self.case.inputs, one), measured(self.model, one)
+        if self.case.dynamics is None:
+            gap = (values - bound.predict(start)) / self.sigma[:, None]
+            cost = float((gap * gap).sum())
+        else:
+            cost = fit_model(bound, values, self.sigma, [start]).cost
+        return cost if np.isfinite(cost) else np.inf
 
     def _widened(self, slopes: Array) -> Array:
         return np.concatenate([slopes, self.analysis.nuisance], axis=-1)

@@ -131,6 +131,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, bef
         found += expression_pairs(ranker)
         report("what lies next to the best answers")
         found += neighbours(ranker, found)
+        singles |= {name: ranker.weighed((name,)) for name in ranker.faults if name not in singles}
     unlike: dict[frozenset[str], Hypothesis] = {}
     for h in sorted(found, key=lambda h: -h.log_weight):
         unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)

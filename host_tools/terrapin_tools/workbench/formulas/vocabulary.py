@@ -90,6 +90,11 @@ class Column:
         return self.low >= 0.0 or self.high <= 0.0
 
     @property
+    def of_motion(self) -> bool:
+        """A state, known without noise: bends close to its ends show."""
+        return self.lowest < LOWEST
+
+    @property
     def middle(self) -> float:
         return 0.5 * (self.low + self.high)
 
@@ -152,11 +157,21 @@ def _of_both_signs(c: Column) -> Iterator[Term]:
 def _dead_zones(c: Column) -> Iterator[Term]:
     floor, top = c.ends
     dead = (floor + c.lowest * (top - floor), floor + 0.85 * (top - floor))  # outside, a threshold is a straight line
-    for share in ((0.25,) if c.lowest < 0.25 else ()) + (0.45, 0.7):
+    for share in ((0.25,) if c.of_motion else ()) + (0.45, 0.7):
         edge = {c.w: (floor + share * (top - floor), dead)}
         yield c.term(f"max({c.magnitude} - {c.w}, 0)", SHAPE_COST**3, **edge)
         if not c.one_sign:
             yield c.term(f"sign({c.name})*max({c.magnitude} - {c.w}, 0)", SHAPE_COST**3, **edge)
+
+
+def _stops(c: Column) -> Iterator[Term]:
+    """A contact or a slack rope at one end of a motion; in a table, an offset and friction together look like one."""
+    if c.one_sign or not c.of_motion:
+        return
+    for side, low, high in (("", c.low, c.high), ("-", -c.high, -c.low)):
+        for share in (0.4, 0.7):
+            edge = {c.w: (low + share * c.span, (low + 0.15 * c.span, high - 0.15 * c.span))}
+            yield c.term(f"max({side}{c.name} - {c.w}, 0)", SHAPE_COST**3, **edge)
 
 
 def _saturations(c: Column) -> Iterator[Term]:
@@ -198,8 +213,8 @@ def _steps(c: Column) -> Iterator[Term]:
 
 # Each is an entry: what it gives for a column. A further one needs nothing else.
 SHAPES: tuple[Callable[[Column], Iterator[Term]], ...] = (
-    _powers, _of_an_angle, _of_one_sign, _of_both_signs, _dead_zones, _saturations, _logarithm_and_inverses, _decays,
-    _steps,
+    _powers, _of_an_angle, _of_one_sign, _of_both_signs, _dead_zones, _stops, _saturations, _logarithm_and_inverses,
+    _decays, _steps,
 )  # fmt: skip
 
 

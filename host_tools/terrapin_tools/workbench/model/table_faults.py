@@ -22,7 +22,19 @@ from terrapin_tools.workbench.case.changes import TABLE
 from terrapin_tools.workbench.case.intake import BOTH_WAYS
 from terrapin_tools.workbench.files.units import same_kind
 
-__all__ = ["UNUSUAL", "Fault", "at_fault", "fault_of", "faults", "faults_over_time", "held", "read", "recorded"]
+__all__ = [
+    "UNUSUAL",
+    "Fault",
+    "at_fault",
+    "fault_of",
+    "faults",
+    "faults_over_time",
+    "held",
+    "read",
+    "recorded",
+    "scalable",
+    "usual_scales",
+]
 
 ANGLES = ("rad", "rad/s", "rad/s^2", "")  # units of a role or channel; "" : none is stated
 FORCES = ("N", "N m", "Pa", "")
@@ -117,15 +129,26 @@ def faults_over_time(case: Case, misfit: Callable[[Fault | None], float]) -> lis
     the user's own equations: of each column the one that takes most of the misfit, if it halves it. `misfit`: that of
     a fit with a fault, or without one, on some of the rows."""
     found, driven = [], _driven(case)
-    for name in (*case.channels, *driven):
-        usual = [fault for fault in _scales(case, name) if not fault.cost]
+    for name in scalable(case):
+        usual = usual_scales(case, name)
         left = [misfit(fault) for fault in usual]
         if min(left) < 0.5 * misfit(None):
-            found.append(replace(usual[int(np.argmin(left))], cost=float(np.log(len(usual)))))
+            found.append(usual[int(np.argmin(left))])
     if driven and case.dynamics is not None and not case.dynamics.held:
         several = "and the other inputs keep their values" if len(driven) > 1 else "keeps its value"
         found.append(_fault(case, driven[0], "held", f"{several} until the next row", held=True))
     return found
+
+
+def scalable(case: Case) -> list[str]:
+    """Columns of a model that integrates over a run that may be in another unit."""
+    return [*case.channels, *_driven(case)]
+
+
+def usual_scales(case: Case, name: str) -> list[Fault]:
+    """Factors that a column of its unit is usually wrong by; the choice among them is what each costs."""
+    usual = [fault for fault in _scales(case, name) if not fault.cost]
+    return [replace(fault, cost=float(np.log(len(usual)))) for fault in usual]
 
 
 def _driven(case: Case) -> list[str]:
