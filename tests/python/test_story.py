@@ -25,6 +25,7 @@ from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.discover.decide import Weight
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.misfit import Step
+from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import to_json
 from terrapin_tools.workbench.fleet.fleet import Result
@@ -460,6 +461,13 @@ def test_every_sentence_is_written_once() -> None:
     assert {"something is missing", "the data cannot tell", "put it in, and see the error fall"} <= counted.keys()
     assert [phrase for phrase, count in counted.items() if count > 1] == []
     assert twice(_sources(), list(counted)) == []
+
+
+def test_a_share_of_runs_drawn_anew_counts_no_hundred() -> None:
+    """Of twenty draws it was "25 of 100"."""
+    assert sentences.chances((), (Selected(("slope",), "catalogue", 0.25),)) == (
+        ("slope, runs drawn anew", "likeliest in 25 %"),
+    )
 
 
 def test_a_sentence_written_twice_is_found() -> None:

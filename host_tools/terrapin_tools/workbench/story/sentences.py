@@ -617,7 +617,7 @@ def chances(operating: Sequence[Operating], selected: Sequence[Selected]) -> tup
     anew."""
     rows = {f"{o.effect} of {number(o.size, 3)} noise sd": f"named first in {of_hundred(o.named)}" for o in operating}
     rows |= {
-        f"{_joined(s.effects) or s.kind}, runs drawn anew": f"likeliest in {of_hundred(s.frequency)}" for s in selected
+        f"{_joined(s.effects) or s.kind}, runs drawn anew": f"likeliest in {percent(s.frequency)}" for s in selected
     }
     return tuple(rows.items())
 
