@@ -157,8 +157,10 @@ def _in_another_unit(ranker: Ranker, centre: Hypothesis, member: str) -> list[st
     values = {f.key: value for f, value in zip(centre.fit.model.fitted, centre.fit.theta, strict=True)}
     start = np.array([values[f.key] for f in model.fitted])
     usual = usual_scales(ranker.case, column)
-    likeliest = min(usual, key=lambda fault: ranker.of_one_run(model.having(fault), start))
-    if likeliest.name in ranker.faults:
+    left = [ranker.of_one_run(model.having(fault), start) for fault in usual]
+    likeliest = usual[int(np.argmin(left))]
+    near = ranker.of_one_run(centre.fit.model, centre.fit.theta) + 2.0 * NEAR
+    if likeliest.name in ranker.faults or min(left) > near:  # no factor does what k*force does beside other terms
         return []
     ranker.faults[likeliest.name] = ranker.effects[likeliest.name] = likeliest
     return [likeliest.name]
