@@ -281,6 +281,26 @@ def test_a_heading_with_an_umlaut_is_proposed_as_a_name_in_letters(page: Page) -
     expect(form).to_have_count(0)
 
 
+def test_all_files_that_are_chosen_at_once_are_mapped(page: Page, server: Server) -> None:
+    """Only the first was sent: emptying the input emptied the list that was being gone through."""
+    files = [
+        {
+            "name": f"cart_{i}.csv",
+            "mimeType": "text/csv",
+            "buffer": b"force [N],way [mm]\n" + b"1.5,3\n2.5,5\n" * (10 + i),
+        }
+        for i in range(3)
+    ]
+    page.locator("#files").set_input_files(files)  # type: ignore[arg-type]
+    form = page.get_by_role("form", name="Map the columns")
+    expect(form).to_contain_text("cart_0.csv, cart_1.csv, cart_2.csv: 66 rows")
+    form.get_by_role("button", name="Discard").click()
+    expect(form).to_have_count(0)
+    wait_for(
+        lambda: page.wait_for_timeout(50) or not any(u["name"].startswith("cart_") for u in server.get("/api/uploads"))
+    )
+
+
 def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:
     """What stands in the strip, typed into a shell in the server's folder."""
     command = page.locator("#command")

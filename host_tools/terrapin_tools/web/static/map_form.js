@@ -54,11 +54,12 @@ export class MapForm {
 
   /** @param {Upload} first @param {MapHeard} heard */
   layout(first, heard) {
+    const rows = this.data.slice(1).reduce((sum, one) => sum + one.rows, first.rows);
     /** @param {string} words @param {HTMLElement | null} input */
     const label = (words, input) => h('label', {}, words, input);
     const form = h('form', { class: 'panel form', 'aria-label': 'Map the columns', onsubmit: (event) => { event.preventDefault(); heard.make(); } },
       h('h2', { text: 'Map the columns' }),
-      h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${first.rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
+      h('p', { class: 'soft small', text: `${this.data.map((one) => one.name).join(', ')}: ${rows} ${first.kind === 'log' ? 'frames' : 'rows'}. Guessed from the names of the columns; correct what is wrong. What is not mapped is looked at all the same.` }),
       this.suits(),
       first.warnings.map((line) => h('p', { class: 'warn small', text: line })),
       this.holds, this.reading?.element,

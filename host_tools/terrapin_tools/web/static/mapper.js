@@ -43,7 +43,7 @@ export class Mapper {
   /** @param {FileList | null | undefined} files */
   async send(files) {
     if (!files) return;
-    for (const file of files) {
+    for (const file of [...files]) { // the list of an input is emptied with it, while the first is on its way
       try { this.uploads.push(await this.upload(file)); } catch (error) { this.doubt(file, lineOf(error)); continue; }
     }
     if (!this.uploads.length) return;
