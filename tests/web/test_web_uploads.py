@@ -206,6 +206,29 @@ def test_what_is_odd_is_said(server: Server, name: str, content: bytes, words: s
     assert any(words in line for line in warnings), warnings
 
 
+def test_a_column_with_gaps_is_mapped_without_those_rows(server: Server) -> None:
+    """One empty cell made text of the column, which then could not be mapped; `terrapin look` called it numbers."""
+    rows = [*HEATED.decode().splitlines()]
+    names = rows[0].split(",")
+    speed, winding = names.index("shell_speed"), names.index("winding")
+    for line, column, text in ((5, speed, ""), (9, speed, "n/a"), (20, winding, "NaN")):
+        cells = rows[line].split(",")
+        cells[column] = text
+        rows[line] = ",".join(cells)
+    rows[30] = "," * (len(names) - 1)
+    rows = [f"{row},{'' if i else 'empty'}" for i, row in enumerate(rows)]
+    upload = good(server, "gaps.csv", "\n".join(rows).encode())
+    columns = {column["name"]: column for column in upload["columns"]}
+    assert columns["shell_speed"]["numeric"]
+    assert columns["shell_speed"]["min"] > 0.0
+    assert not columns["empty"]["numeric"]
+    told = "column shell_speed: found an empty cell or no number in 3 of 72 rows (first at gaps.csv:6)"
+    assert any(told in line for line in upload["warnings"]), upload["warnings"]
+    job = made(server, order("gaps", upload["id"]))
+    assert job["state"] == "done", job["error"]
+    assert server.get("/api/cases/gaps")["rows"] == 68
+
+
 def test_decimal_commas_and_a_byte_order_mark_are_read(server: Server) -> None:
     upload = good(server, "a.csv", b"\xef\xbb\xbft [s];w_shell [rad/s]\r\n0,5;1,5\r\n0,6;1,7\r\n")
     assert upload["warnings"] == []

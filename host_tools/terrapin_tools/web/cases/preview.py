@@ -76,6 +76,8 @@ class _Columns:
         self.rows = 0
         self.cells: dict[str, list[str]] = {}
         self.text: dict[str, str] = {}  # columns that are no numbers: the first cell that is none, and where
+        self.gaps: dict[str, int] = {}  # rows without a number, of columns of numbers
+        self.first_gap: dict[str, str] = {}
         self.low: dict[str, float] = {}
         self.high: dict[str, float] = {}
         self.distinct: dict[str, set[str]] = {}
@@ -94,13 +96,24 @@ class _Columns:
             if name in self.text or not table.rows:
                 continue
             try:
-                values = table.numbers(name)
+                values = table.numbers(name, gaps=True)
             except UserError as error:
                 self.text[name] = str(error)
                 continue
-            self.low[name] = min(self.low.get(name, np.inf), float(values.min()))
-            self.high[name] = max(self.high.get(name, -np.inf), float(values.max()))
+            gap = np.isnan(values)
+            if gap.any():
+                self.first_gap.setdefault(name, table.place(int(np.argmax(gap))))
+                self.gaps[name] = self.gaps.get(name, 0) + int(gap.sum())
+            if not gap.all():
+                self.low[name] = min(self.low.get(name, np.inf), float(np.nanmin(values)))
+                self.high[name] = max(self.high.get(name, -np.inf), float(np.nanmax(values)))
         self.rows += table.rows
+
+    def end(self) -> None:
+        """All has been taken: a column of gaps alone holds no numbers."""
+        for name, place in self.first_gap.items():
+            if name not in self.low:
+                self.text.setdefault(name, f"{place}: column {name}: found no number")
 
 
 def _look_table(path: Path, kind: str, asked: Asked) -> dict[str, Any]:
@@ -116,14 +129,15 @@ def _look_table(path: Path, kind: str, asked: Asked) -> dict[str, Any]:
             clock = Clock(split_unit(time_column)[1] or "s") if time_column is not None else None
         if clock is not None and time_column not in gathered.text and time_column is not None:
             runs = table.columns.get(run_column) if run_column is not None else None
-            clock.take(table.numbers(time_column), runs, table)
+            clock.take(table.numbers(time_column, gaps=True), runs, table)
+    gathered.end()
     if not gathered.rows:
         raise UserError(f"{path.name}: found a line of names and no rows, expected at least one")
     if {"id", "data", "flags"} <= set(gathered.names):
         raise UserError(f"{path.name}: holds CAN frames, expected a table (terrapin log convert makes a log of it)")
     numeric = [name for name in gathered.names if name not in gathered.text and name != run_column]
     warnings = [] if clock is None else clock.warnings(str(time_column))
-    warnings += _text_warnings(gathered, run_column) + _unit_warnings(numeric)
+    warnings += _gap_warnings(gathered, numeric) + _text_warnings(gathered, run_column) + _unit_warnings(numeric)
     return _answer(kind, gathered.rows, numeric, gathered, run_column, warnings)
 
 
@@ -160,8 +174,18 @@ def _answer(
     }
 
 
+def _gap_warnings(gathered: _Columns, numeric: list[str]) -> list[str]:
+    """Which columns have rows without a number, and what becomes of these."""
+    return [
+        f"column {name}: found an empty cell or no number in {gathered.gaps[name]} of {gathered.rows} rows (first at "
+        f"{gathered.first_gap[name]}); where it is mapped, they are left out"
+        for name in numeric
+        if name in gathered.gaps
+    ]
+
+
 def _text_warnings(gathered: _Columns, run_column: str | None) -> list[str]:
-    """Why a column that begins like numbers is none: a gap, a unit in its cells, a comma."""
+    """Why a column that begins like numbers is none: a word, a unit in its cells, a comma."""
     found = []
     for name, reason in gathered.text.items():
         cells = [cell.strip() for cell in gathered.cells.get(name, [])]

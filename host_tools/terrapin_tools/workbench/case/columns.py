@@ -37,6 +37,7 @@ from terrapin_tools.workbench.case.mends import earlier, mended, read_mend, told
 from terrapin_tools.workbench.derived.columns import derive, inputs
 from terrapin_tools.workbench.files import units
 from terrapin_tools.workbench.files.format import Asked, meant, parted
+from terrapin_tools.workbench.files.number_marks import GAPS
 from terrapin_tools.workbench.files.tables import Table, read
 from terrapin_tools.workbench.files.toml_tables import Tables
 
@@ -313,6 +314,11 @@ def _read_files(
     return [held[name] if name in held else read(folder / name, dbc, period, needed, text, asked) for name in files]
 
 
+def _blank(table: Table, row: int) -> bool:
+    """Whether a row holds nothing, as those that part the runs in a spreadsheet."""
+    return all(str(cells[row]).strip().lower() in GAPS for cells in table.columns.values())
+
+
 def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:
     """The run of each row: of the column, or (without one, or of a log) the file's name."""
     names: list[str] = []
@@ -321,8 +327,11 @@ def run_of_rows(tables: Tables, loaded: list[Table], column: str) -> list[str]:
             names += [table.path.stem] * table.rows
             continue
         found = table.text(_check_there(tables, table, column, "data", "run"))
-        if "" in found:
-            raise UserError(f"{table.place(found.index(''))}: column {column}: found nothing, expected a run's name")
+        for row in (row for row, name in enumerate(found) if not name):
+            beside = found[row - 1] if row else next(filter(None, found), "")
+            if not beside or not _blank(table, row):
+                raise UserError(f"{table.place(row)}: column {column}: found nothing, expected a run's name")
+            found[row] = beside  # the row is left out, for its gaps
         names += found
     return names
 
