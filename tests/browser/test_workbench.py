@@ -301,6 +301,28 @@ def test_all_files_that_are_chosen_at_once_are_mapped(page: Page, server: Server
     )
 
 
+def test_a_formula_names_its_parameters_and_no_exponent_is_one(page: Page) -> None:
+    """2e3 made a parameter e3, a name with a space took its column out without a word, and base ode made no case."""
+    content = "run,force [N],way [mm]\n" + "".join(f"r{i // 10},{20 + i % 7},{3 + i % 5}\n" for i in range(40))
+    page.locator("#files").set_input_files(  # type: ignore[arg-type]
+        [{"name": "spring.csv", "mimeType": "text/csv", "buffer": content.encode()}]
+    )
+    form = page.get_by_role("form", name="Map the columns")
+    model = form.get_by_role("combobox", name=re.compile("^model"))
+    assert "ode" not in model.locator("option").all_inner_texts()
+    model.select_option("equation")
+    form.get_by_label("predicted").select_option("force")
+    form.get_by_label("by the formula").fill("2e3*way + k*wya**1.5e0 + sqrt(way)")
+    expect(form).to_contain_text("become parameters to fit: k, wya.")
+    expect(page.locator("#command")).to_contain_text("--fit=k=0.0 --fit=wya=0.0 '--equation=")
+    form.get_by_label("name of way [mm]").fill("my way")
+    form.get_by_label("by the formula").click()
+    form.get_by_role("button", name="Make the case").click()
+    expect(form.get_by_role("alert")).to_contain_text("name of way [mm]: found my way, expected letters a to z")
+    form.get_by_role("button", name="Discard").click()
+    expect(form).to_have_count(0)
+
+
 def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:
     """What stands in the strip, typed into a shell in the server's folder."""
     command = page.locator("#command")

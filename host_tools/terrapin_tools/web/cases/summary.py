@@ -170,6 +170,7 @@ def bases() -> list[dict[str, Any]]:
             ],
             "options": {name: list(values) for name, values in base.options.items()},
             "own_names": base.own_names,
+            "own_dynamics": base.own_dynamics,
             "left_out": list(base.left_out),
             "fit": next((f"{name} = {entry}" for name, entry in base.first_fit.items()), None),
         }

@@ -3,7 +3,10 @@ import { h, number } from './app.js';
 import { Reading } from './map_read.js';
 
 const MOST_ROWS = 2e6; // of a case
+const NAME = /^[A-Za-z_]\w*$/;
 const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
+/** What a formula names besides functions; the e of 2e3 is none. @param {string} formula */
+const namesIn = (formula) => [...new Set(formula.match(/(?<![\w.])[A-Za-z_]\w*/g) ?? [])].filter((name) => !FUNCTIONS.includes(name));
 /** A name for a case, from that of a file. @param {string} name */
 const plain = (name) => {
   const word = name.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '').toLowerCase();
@@ -16,10 +19,11 @@ export class MapForm {
    * @param {MapSource} source @param {string} base @param {Partial<MapTyped> | null} draft @param {MapHeard} heard
    */
   constructor(source, base, draft, heard) {
-    const { bases, data, dbc, first } = source, fields = draft?.fields || {};
+    const { data, dbc, first } = source, fields = draft?.fields || {};
     this.data = data;
     this.dbc = dbc;
     this.suiting = source.suiting;
+    const bases = source.bases.filter((one) => !one.own_dynamics); // no form has room for its equations
     this.base = bases.find((one) => one.name === base) || bases[0];
     const name = plain(first.name.replace(/\.\w+$/, '')).slice(0, 60) || 'case';
     /** @param {Properties} properties */
@@ -116,8 +120,14 @@ export class MapForm {
     if (base.own_names) {
       const channel = h('select', { 'data-key': 'channel' }, mapped.map((name, i) => h('option', { value: name, text: name, selected: kept('channel') ? name === kept('channel') : i === mapped.length - 1 })));
       const others = mapped.filter((name) => name !== channel.value);
-      parts.push(h('div', { class: 'four' }, h('label', {}, 'predicted', channel), h('label', { class: 'span' }, 'by the formula', input('formula', others.length ? `offset + gradient*${others[0]}` : 'offset', { required: true }))),
-        h('p', { class: 'soft small', text: 'Names that are no columns become parameters to fit.' }));
+      const formula = input('formula', others.length ? `offset + gradient*${others[0]}` : 'offset', { required: true, oninput: () => tell() });
+      const told = h('p', { class: 'soft small', 'aria-live': 'polite' });
+      const tell = () => { // so that a slip in a column's name is seen
+        const fit = namesIn(formula.value).filter((name) => !mapped.includes(name));
+        told.textContent = `Names that are no columns become parameters to fit: ${fit.join(', ') || 'none here'}. Differential equations are written in case.toml (docs/ode.md).`;
+      };
+      tell();
+      parts.push(h('div', { class: 'four' }, h('label', {}, 'predicted', channel), h('label', { class: 'span' }, 'by the formula', formula)), told);
     } else {
       const fit = fitted(base.fit);
       const roles = base.roles.filter((r) => r.needed && !mapped.includes(r.name) && r.name !== 'omega' && r.name !== 'slip' && r.name !== 'time');
@@ -136,7 +146,8 @@ export class MapForm {
     /** @type {Record<string, { column: string, unit: string, sigma?: number | string }>} */
     const columns = {};
     for (const one of this.rows) {
-      if (!one.is.value || (base.own_names && !/^[A-Za-z_]\w*$/.test(one.is.value))) continue;
+      if (!one.is.value) continue;
+      if (base.own_names && !NAME.test(one.is.value)) throw new Error(`name of ${one.column.name}: found ${one.is.value}, expected letters a to z, digits and _, no digit first, or nothing where it is not mapped`);
       const sigma = one.sigma.value.trim();
       if (columns[one.is.value]) throw new Error(`${one.is.value}: two columns are mapped to it, expected one`);
       if (sigma && !(parseFloat(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, with a unit or in the column's, or nothing`);
@@ -158,9 +169,7 @@ export class MapForm {
       const value = (key) => this.typed().find((one) => one.dataset.key === key)?.value ?? '';
       const formula = value('formula');
       equation[value('channel')] = formula;
-      for (const name of new Set(formula.match(/[A-Za-z_]\w*/g) || [])) {
-        if (!columns[name] && !FUNCTIONS.includes(name) && !/^\d/.test(name)) fit[name] = { value: name === 'gradient' ? 1 : 0 };
-      }
+      for (const name of namesIn(formula)) if (!columns[name]) fit[name] = { value: name === 'gradient' ? 1 : 0 };
     } else {
       const found = fitted(base.fit);
       if (found) fit[found.name] = { value: found.value, min: found.min, max: found.max };

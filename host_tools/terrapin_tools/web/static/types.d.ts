@@ -110,7 +110,7 @@ interface MapRow { column: UploadColumn; is: HTMLSelectElement | HTMLInputElemen
 interface Base {
   name: string; channels: { name: string; unit: string }[]; roles: { name: string; unit: string; needed: boolean }[];
   parameters: { name: string; unit: string; placeholder: string | null; default: number | null }[]; fit: string | null;
-  own_names: boolean; left_out: string[];
+  own_names: boolean; own_dynamics: boolean; left_out: string[];
 }
 
 // ---------------------------------------------------------------- plots
