@@ -43,7 +43,8 @@ export class Mapper {
   /** @param {FileList | null | undefined} files */
   async send(files) {
     if (!files) return;
-    for (const file of [...files]) { // the list of an input is emptied with it, while the first is on its way
+    const all = Array.from(files); // an input's list is emptied with it, while the first is on its way
+    for (const file of all) {
       try { this.uploads.push(await this.upload(file)); } catch (error) { this.doubt(file, lineOf(error)); continue; }
     }
     if (!this.uploads.length) return;
