@@ -10,7 +10,7 @@ from random import Random
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Page, Route, expect
 from serving import Server
 
 from tests.waiting import wait_for
@@ -321,6 +321,36 @@ def test_a_formula_names_its_parameters_and_no_exponent_is_one(page: Page) -> No
     expect(form.get_by_role("alert")).to_contain_text("name of way [mm]: found my way, expected letters a to z")
     form.get_by_role("button", name="Discard").click()
     expect(form).to_have_count(0)
+
+
+def test_no_heading_stands_over_nothing_and_the_verdict_keeps_its_room(page: Page) -> None:
+    """After discover without a candidate a heading stood alone; the name of a long set left the verdict a tenth of the
+    line."""
+
+    def answer_with(**changes: object) -> None:
+        def changed(route: Route) -> None:
+            route.fulfill(json={**route.fetch().json(), **changes})
+
+        page.unroute_all(behavior="wait")
+        page.route("**/api/cases/heated_motor/view", changed)
+        page.reload()
+
+    page.get_by_role("button", name="Open the example heated_motor").click()
+    expect(page.locator(".lead .chip")).to_be_visible()
+    heading = "Too small to tell, if there at all"
+    answer_with(discovered=True, verdict="adequate", heading=heading, cards=[], missing=[])
+    expect(page.locator(".lead .chip.adequate")).to_be_visible()
+    expect(page.get_by_role("heading", name="Own effect")).to_be_visible()
+    expect(page.get_by_role("heading", name=heading)).to_have_count(0)
+    many = ["expression_1", "rut_recovery", "slip_sinkage_at_axle", "load_transfer"]
+    told = "With probability 0.91 the model lacks " + " + ".join(many) + " and nothing else."
+    answer_with(headline=told, missing=many, discovered=False, next={"do": "add", "text": ""})
+    expect(page.get_by_role("button", name="Add expression_1 + rut_recovery")).to_be_visible()
+    line, verdict = (page.locator(part).bounding_box() for part in (".lead", ".lead .row"))
+    assert line
+    assert verdict
+    assert verdict["width"] > 0.5 * line["width"]
+    page.unroute_all(behavior="wait")
 
 
 def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:

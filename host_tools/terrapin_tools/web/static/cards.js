@@ -7,7 +7,7 @@ const FULL = 4; // candidates shown in full
 export function ranking(page, view) {
   const parts = [];
   if (view.model.length) parts.push(h('section', { class: 'panel', 'aria-label': 'In the model' }, h('h2', { text: 'In the model' }), view.model.map((one) => inside(page, one))));
-  parts.push(missing(page, view));
+  if (!view.discovered || view.cards.length || view.missing.length > 1) parts.push(missing(page, view)); // a heading over nothing says nothing
   if (view.catalogue.length) parts.push(any(page, view));
   return parts;
 }
