@@ -12,6 +12,7 @@ from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.story import terminal
 from terrapin_tools.workbench.story.answer import answer, read
+from terrapin_tools.workbench.story.sentences import noise_line
 from terrapin_tools.workbench.story.told import told
 from tests.campaigns import stated
 from tests.python.casekit import ROLLING, rolling
@@ -51,6 +52,9 @@ def test_the_noise_is_estimated_again_around_what_is_named(tmp_path: Path) -> No
     assert after.channels["current"].noise_sd == pytest.approx(0.004, rel=0.15)
     assert not before.noise.floor
     assert "is no floor" in terminal.tell(before)
+    part = "The noise sd was estimated while something is missing, and holds a part of it"
+    assert noise_line("one source", before.noise) == f"One source. {part}: 1.0 is no floor"
+    assert noise_line("one source", after.noise) == "One source. In noise sd 1.0 is the noise floor"
     assert after.noise.floor
     assert after.ladder[-1].train_error == pytest.approx(1.0, abs=0.1)
     ((name, value),) = after.cards[0].values.items()

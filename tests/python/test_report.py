@@ -168,6 +168,15 @@ def test_history_of_what_was_added_and_removed(tmp_path: Path, capsys: pytest.Ca
     assert history.read_bytes().startswith(whole + damaged)  # nothing of it is lost
 
 
+def test_one_step_that_holds_nothing_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It said "1 steps" and "held out : held out 1.02", and called errors in mA errors in noise sd."""
+    folder = rolling(tmp_path / "case", 36, runs=6, rows=8)
+    assert terrapin(capsys, "case", "hold", folder)[0] == 0
+    text = _report(folder, tmp_path / "r.html", capsys).text
+    assert "History: 1 step held out nothing : held out" in text
+    assert "Errors without a unit are in noise sd: 1.0 is the noise floor." in text
+
+
 def test_many_rows_are_thinned_and_the_worst_stays(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -222,6 +222,18 @@ def test_links_to_other_files_are_not_followed(tmp_path: Path) -> None:
     assert np.isnan(table.numbers("y", gaps=True)).all()  # nothing has computed them
 
 
+def test_rows_above_the_names_of_a_sheet_are_counted(tmp_path: Path) -> None:
+    book = pytest.importorskip("openpyxl").Workbook()
+    for row in (["Wheel in sand, bin 2"], ["slip", "pull"], ["%", "N"], [5, 1.5], [10, 2.5]):
+        book.active.append(row)
+    book.save(tmp_path / "one.xlsx")
+    book.active.insert_rows(2)
+    book.active["A2"] = "operator KL"
+    book.save(tmp_path / "two.xlsx")
+    assert "1 row above the names" in read(tmp_path / "one.xlsx").notes
+    assert "2 rows above the names" in read(tmp_path / "two.xlsx").notes
+
+
 def test_a_file_that_changes_while_it_is_read_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     csv(tmp_path / "a.csv", numbers(4))
     before = csv_text.FORMAT.read

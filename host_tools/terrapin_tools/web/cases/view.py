@@ -43,7 +43,7 @@ from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.formulas import from_latex
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.plot_data import MAX_ROWS, Drawn, drawn_data
-from terrapin_tools.workbench.story.sentences import amount, chance, floor, number, stuck
+from terrapin_tools.workbench.story.sentences import amount, chance, noise_line, number, stuck
 from terrapin_tools.workbench.story.story import Card, Story
 from terrapin_tools.workbench.story.told import told
 
@@ -143,7 +143,7 @@ def view(folder: str | Path, rows_to: str = "") -> dict[str, Any]:
             name: [*(number(v) for v in (c.noise_sd, c.train_rmse, c.heldout_rmse)), c.unit]
             for name, c in story.channels.items()
         },
-        "noise": f"{story.noise_told[:1].upper()}{story.noise_told[1:]}. In noise sd {floor(story.noise)}",
+        "noise": noise_line(story.noise_told, story.noise),
         "front": [vars(one) for one in story.front],
         "chances": story.chances,
         "history": history.history(folder),

@@ -328,7 +328,7 @@ export function below(page, view) {
   if (view.chances.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'What these runs can show' }),
     h('table', {}, h('tbody', {}, view.chances.map(([what, often]) => h('tr', {}, h('td', { text: what }), h('td', { text: often })))))));
   if (view.history.length) found.push(h('section', { class: 'panel' }, h('h2', { text: 'History' }),
-    h('ol', { class: 'small' }, view.history.slice(-12).map((one) => h('li', {}, `${one.action} `, h('b', { text: one.effects.join(' + ') }), `: held out ${number(one.before.heldout_error, 3)} → ${number(one.after.heldout_error, 3)}`)))));
+    h('ol', { class: 'small' }, view.history.slice(-12).map((one) => h('li', {}, `${one.action} `, h('b', { text: one.effects.join(' + ') || 'nothing' }), `: held out ${number(one.before.heldout_error, 3)} → ${number(one.after.heldout_error, 3)}`)))));
   if (view.curve) found.unshift(h('section', { class: 'panel' }, h('h2', { text: 'A curve that has no formula here' }), h('div', { html: view.curve })));
   const map = heat(view.plot, view.by_run, page.plots.variable, page.plots.channel, (run) => page.plots.pickRun(run));
   if (map) found.unshift(map);

@@ -79,7 +79,7 @@ def _part(name: str, rows: list[Row], block: _Block, merged: Merged, place: str,
         ]
     elif block.names - block.top > 0 or block.top > 0:
         count = sum(any(_text(cell) for cell in row) for row in rows[: block.names])
-        notes += [f"{count} rows above the names"] if count else []
+        notes += [f"{count} row{'s' * (count > 1)} above the names"] if count else []
     if first > block.names + 1 and asked.units != "0":
         units = [_text(cell) for cell in rows[block.names + 1][span]]
         notes.append(f"units from row {origin[0] + block.names + 2}")

@@ -106,9 +106,11 @@ with the lowest and the highest residual. Every number on this page is of all ro
 <section><h2>Error ladder <span>noise sd; <b style="color:var(--grey-bar)">&#9646;</b> training
 <b style="color:var(--blue)">&#9646;</b> held out; dashed: {{ "floor" if story.noise.floor else "1.0" }}</span></h2>
 <div id="ladder"></div>
-{%- if history %}<details><summary>History: {{ history|length }} steps</summary><ol>{% for step in history %}
-<li>{{ step.action }} <b>{{ step.effects|join(" + ") }}</b>: held out {{ in_sd(step.before.heldout_error) }} &rarr;
-{{ in_sd(step.after.heldout_error) }}</li>{% endfor %}</ol></details>{% endif %}</section>
+{%- if history %}<details><summary>History: {{ history|length }} step{{ "s" if history|length != 1 }}</summary><ol>
+{%- for step in history %}
+<li>{{ step.action }} <b>{{ step.effects|join(" + ") or "nothing" }}</b>: held out
+{{ in_sd(step.before.heldout_error) }} &rarr; {{ in_sd(step.after.heldout_error) }}</li>{% endfor %}</ol></details>
+{%- endif %}</section>
 </div>
 <div id="heat"></div>
 </div><div>
@@ -159,7 +161,7 @@ missing</span></h2><table><thead><tr><th class="n">terms</th><th></th><th class=
 </div>
 {%- if notes %}<section class="wide notes">{{ notes|safe }}</section>{% endif %}
 </main>
-<footer>Made by <code>terrapin report</code>. All errors are in noise sd: {{ floor(story.noise) }}.
+<footer>Made by <code>terrapin report</code>. Errors without a unit are in noise sd: {{ floor(story.noise) }}.
 Probabilities are calibrated: of all given with 0.9, nine in ten are right.</footer>
 <script type="application/json" id="data">{{ json|safe }}</script>
 <script>{{ script|safe }}</script>

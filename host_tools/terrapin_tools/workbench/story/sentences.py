@@ -43,6 +43,7 @@ __all__ = [
     "interval",
     "named_unit",
     "next_step",
+    "noise_line",
     "not_apart",
     "number",
     "of_hundred",
@@ -542,6 +543,14 @@ def floor(noise: NoiseTold) -> str:
     if noise.floor:
         return "1.0 is the noise floor"
     return "the noise sd was estimated while something is missing, and holds a part of it: 1.0 is no floor"
+
+
+def noise_line(told: str, noise: NoiseTold) -> str:
+    """`told`, where the noise sd comes from, and what an error of 1.0 is: two sentences, without the last point."""
+    last = floor(noise)
+    return f"{told[:1].upper()}{told[1:]}. " + (
+        f"In noise sd {last}" if noise.floor else f"{last[:1].upper()}{last[1:]}"
+    )
 
 
 def noise_told(one: NoiseFinding, unit: str) -> str:
