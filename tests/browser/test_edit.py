@@ -119,3 +119,36 @@ def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browse
         page.get_by_label("expression").fill("k * omega")
         expect(page.locator(".own")).to_contain_text("sound: k in")
         expect(page.locator(".own")).not_to_contain_text("meant?")
+
+
+def test_a_constant_and_a_noise_sd_say_what_they_expect(page: Page, server: Server) -> None:
+    """An emptied constant, a decimal comma and \u00b5m were answered with a regular expression; 1e400 was dropped."""
+    server.ask("POST", "/api/examples/heated_motor")
+    page.goto(f"{server.line}#workbench/heated_motor")
+    page.reload()
+    field, said = page.get_by_label("radius, with its unit", exact=True), page.locator(".notice.bad")
+    for text, words in (
+        ("", "radius: found nothing, expected a number and its unit, such as"),
+        ("80,5 mm", "parameters.radius: found '80,5 mm', expected a number, a space and a unit such as '80 mm'"),
+        ("-1 \u00b5m", "parameters.radius: found -1e-06 m, expected more than 0"),
+    ):
+        field.fill(text)
+        field.press("Enter")
+        expect(said).to_contain_text(words)
+    runs = page.get_by_role("region", name="Held-out runs")
+    for box in runs.get_by_role("checkbox").all():
+        box.uncheck()
+    page.get_by_role("button", name="Hold these out").click()
+    expect(page.locator(".below li").last).to_contain_text("held out nothing: held out")
+    page.get_by_role("link", name="Cases").click()
+    content = "run,force [N],way [mm]\n" + "".join(f"r{i // 10},{20 + i % 7},{3 + i % 5}\n" for i in range(40))
+    page.locator("#files").set_input_files(  # type: ignore[arg-type]
+        [{"name": "spring.csv", "mimeType": "text/csv", "buffer": content.encode()}]
+    )
+    form = page.get_by_role("form", name="Map the columns")
+    form.get_by_role("combobox", name=re.compile("^model")).select_option("equation")
+    form.get_by_label("noise sd of way [mm]").fill("1e400")
+    form.get_by_role("button", name="Make the case").click()
+    expect(form.get_by_role("alert")).to_contain_text("noise sd of way [mm]: found 1e400, expected a number above 0")
+    form.get_by_role("button", name="Discard").click()
+    expect(form).to_have_count(0)

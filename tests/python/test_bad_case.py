@@ -151,7 +151,10 @@ WRONG: dict[str, tuple[Change, list[str]]] = {
     "a quote inside": (cell('1"2'), ["runs.csv:4", "column w"]),
     "more than a number holds": (cell("1e999"), ["runs.csv:4", "column w", "infinity"]),
     "more than its square holds": (cell("1e200"), ["runs.csv:4", "column w", "1e+200"]),
-    "a blank line": (csv(lambda t: t.replace("\n", "\n\n", 2)), ["runs.csv:", "empty or broken line"]),
+    "a blank line": (
+        csv(lambda t: t.replace("\n", "\n\n", 2)),
+        ["runs.csv:", "empty or broken line", "expected a row on each line"],
+    ),
     "an endless cell": (cell("x" * 200_000), ["runs.csv", "field"]),
     "one row": (csv(lambda t: "\n".join(t.splitlines()[:2])), ["case.toml", "data", "1 value to train on"]),
     "every run held out": (

@@ -243,6 +243,10 @@ WRONG = [
         ["case.toml:24", "data.columns.omega.unit", "found 'kg', which does not convert to 'rad/s'"],
     ),
     (_text('unit = "rpm"', 'unit = "wobbles"'), ["case.toml:24", "wobbles"]),
+    (
+        _text("[data.columns]\n", '[data.columns]\ndrive_torque = { column = "humidity", unit = "Nm" }\n'),
+        ["data.columns.drive_torque.unit", "'Nm', which does not convert to 'N m' (is 'N m' meant?)"],
+    ),
     (_text(', unit = "rpm"', ""), ["case.toml:24", "data.columns.omega.unit", "missing"]),
     (_text("omega = {", "omegga = {"), ["case.toml:24", "data.columns.omegga", "unknown role"]),
     (_text('omega = { column = "w", unit = "rpm" }\n', ""), ["case.toml:23", "omega is not mapped"]),

@@ -89,7 +89,9 @@ class Constant(Request):
 
     do: Literal["constant"]
     name: EffectName
-    value: Annotated[str, Field(pattern=r"^[A-Za-z0-9+. -][A-Za-z0-9+.*/^() -]{0,60}$")]
+    value: Annotated[
+        str, Field(pattern=r"^[A-Za-z0-9+. -][A-Za-z0-9+.,*/^()%\u00b0\u00b2\u00b3\u00b5\u00b7\u03a9\u03bc -]{0,60}$")
+    ]
 
 
 class Report(Request):

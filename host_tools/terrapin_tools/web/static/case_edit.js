@@ -81,7 +81,12 @@ export function constants(page, view) {
     h('table', { class: 'inputs constants' }, h('thead', {}, h('tr', {}, ['constant', 'as stated', 'in SI'].map((text) => h('th', { scope: 'col', text })))),
       h('tbody', {}, view.constants.map((one) => {
         const input = h('input', { type: 'text', value: one.text, maxlength: '60', 'aria-label': `${one.name}, with its unit`, onchange: () => { void set(); } });
-        const set = () => page.run({ do: 'constant', name: one.name, value: input.value.trim() });
+        const set = () => {
+          const value = input.value.trim();
+          if (value) return page.run({ do: 'constant', name: one.name, value });
+          page.complain(new Error(`${one.name}: found nothing, expected a number and its unit, such as ${one.text}`));
+          return null;
+        };
         return h('tr', {}, h('th', { scope: 'row', text: one.name }), h('td', {}, input), h('td', { class: 'soft' }, one.si, one.guessed ? h('button', { type: 'button', class: 'act', text: 'Check', title: 'A guess that nobody has confirmed: press when it is right', 'aria-label': `Confirm ${one.name}`, onclick: () => { void set(); } }) : null));
       }))));
 }

@@ -29,7 +29,7 @@ export class MapForm {
     /** @param {Properties} properties */
     const text = (properties) => h('input', { type: 'text', autocomplete: 'off', spellcheck: 'false', ...properties });
     this.title = text({ value: fields.title ?? first.name.replace(/\.\w+$/, '').replaceAll('_', ' '), maxlength: '200' });
-    this.caseName = text({ value: fields.name ?? name, maxlength: '64', pattern: '[A-Za-z0-9][A-Za-z0-9_.\\-]{0,63}', required: true });
+    this.caseName = text({ value: fields.name ?? name, maxlength: '64', pattern: '[A-Za-z0-9][A-Za-z0-9_.\\-]{0,63}', title: 'Letters a to z, digits, _ . and -, of which the first is a letter or a digit', required: true });
     this.model = h('select', { onchange: () => heard.remodel() }, bases.map((one) => h('option', { value: one.name, text: one.name, selected: one === this.base })));
     const run = fields.run ?? first.run_guess;
     this.run = h('select', {}, h('option', { value: '', text: 'each file is one run' }), first.columns.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === run })));
@@ -150,7 +150,7 @@ export class MapForm {
       if (base.own_names && !NAME.test(one.is.value)) throw new Error(`name of ${one.column.name}: found ${one.is.value}, expected letters a to z, digits and _, no digit first, or nothing where it is not mapped`);
       const sigma = one.sigma.value.trim();
       if (columns[one.is.value]) throw new Error(`${one.is.value}: two columns are mapped to it, expected one`);
-      if (sigma && !(parseFloat(sigma) > 0)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, with a unit or in the column's, or nothing`);
+      if (sigma && !(parseFloat(sigma) > 0 && parseFloat(sigma) < Infinity)) throw new Error(`noise sd of ${one.column.name}: found ${sigma}, expected a number above 0, with a unit or in the column's, or nothing`);
       columns[one.is.value] = { column: one.column.name, unit: one.unit.value.trim(), ...(sigma ? { sigma: Number.isNaN(Number(sigma)) ? sigma : Number(sigma) } : {}) };
     }
     if (!Object.keys(columns).length) throw new Error('no column is mapped, expected at least one');

@@ -106,7 +106,7 @@ export class Mapper {
   tell(name, text) {
     const { h } = this.app;
     /** @type {HTMLElement} */
-    const said = h('p', { class: 'notice bad', role: 'alert' }, h('b', { text: name }), `: ${text.startsWith(`${name}: `) ? text.slice(name.length + 2) : text} `, h('button', { type: 'button', class: 'quiet', text: 'Dismiss', onclick: () => { said.remove(); } }));
+    const said = h('p', { class: 'notice bad', role: 'alert' }, h('b', { text: name }), `:${text.startsWith(`${name}:`) ? text.slice(name.length + 1) : ` ${text}`} `, h('button', { type: 'button', class: 'quiet', text: 'Dismiss', onclick: () => { said.remove(); } }));
     this.progress.append(said);
     return said;
   }

@@ -208,7 +208,9 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
             units.check(unit)
             canonical = units.in_si(unit) if base.own_dynamics else unit if free else CHANNELS.get(name) or ROLES[name]
             if not units.same_kind(unit, canonical):
-                raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}")
+                spelt = units.spelling(unit)  # Nm is a yarn's number to pint
+                meant = f" (is {spelt!r} meant?)" if spelt != unit and units.same_kind(spelt, canonical) else ""
+                raise ValueError(f"found {unit!r}, which does not convert to {canonical!r}{meant}")
             units.convert(1.0, unit, canonical)
             sigma, mend = None, read_mend(tables, path)
             if tables.get(*path, "sigma") is not None:

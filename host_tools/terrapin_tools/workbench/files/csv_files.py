@@ -84,7 +84,9 @@ def _read_any(path: Path, layout: Layout) -> dict[str, list[str]]:
                 raise UserError(f"{path.name}:{line}: found a byte 0, expected text")
             rows.append(row)
             if len(rows) != reader.line_num:
-                raise UserError(f"{path.name}:{line}: found an empty or broken line before this one")
+                raise UserError(
+                    f"{path.name}:{line}: found an empty or broken line before this one, expected a row on each line"
+                )
     return {name: [row[i] for row in rows] for i, name in enumerate(names)}
 
 
