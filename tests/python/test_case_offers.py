@@ -9,7 +9,9 @@ import logs_of_papers
 import pytest
 
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.new_case.from_tables import write_table_case
+from terrapin_tools.workbench.new_case.offers import Offer, told
 
 
 def _first(words: str) -> str:
@@ -38,6 +40,16 @@ def test_a_base_that_is_asked_for_is_taken(tmp_path: Path) -> None:
     words = write_table_case(tmp_path / "case", [path], "a log", show=str, chosen="rolling_steady")
     assert "* rolling_steady: leaves" in words
     assert 'base = "rolling_steady"' in (tmp_path / "case" / "case.toml").read_text(encoding="utf-8")
+
+
+def test_what_is_left_is_told_of_each_channel() -> None:
+    """One number for all channels stood beside them, by which the second would have come first."""
+    wheel = Offer(BASES["wheel_contact"], {"traction": 1.3, "torque": 0.5, "sinkage": 0.16}, 2.5)
+    sphere = Offer(BASES["sphere_contact"], {"traction": 0.64, "torque": 0.83}, 0.63)
+    assert told([wheel, sphere], wheel.base)[1:] == [
+        "* wheel_contact: leaves 1.3 of the scatter of traction, 0.5 of torque, 0.16 of sinkage",
+        "  sphere_contact: leaves 0.64 of the scatter of traction, 0.83 of torque",
+    ]
 
 
 def test_a_table_that_fits_no_base(tmp_path: Path) -> None:

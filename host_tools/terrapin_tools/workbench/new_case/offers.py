@@ -25,12 +25,11 @@ FLOOR = 1e-3  # of an error
 
 @dataclass(frozen=True)
 class Offer:
-    """`error`: what a brief fit leaves of each channel's scatter around its mean, root mean square over `channels`; not
-    finite where `why` says why there is none."""
+    """`left`: what a brief fit leaves of each channel's scatter around its mean; empty where `why` says why there is
+    none. `worth`: what the fits explain of all channels together; the greatest comes first."""
 
     base: Base
-    channels: tuple[str, ...]
-    error: float
+    left: dict[str, float]
     worth: float
     why: str = ""
 
@@ -47,7 +46,7 @@ def offers(bases: Sequence[Base], document: Callable[[Base, Path], str], rows: i
     `document` writes case.toml of a base for a folder; `rows` are those of the tables.
     """
     if rows > MOST_ROWS:
-        return [Offer(base, (), np.nan, 0.0, f"{rows} rows are too many for a brief fit") for base in bases]
+        return [Offer(base, {}, 0.0, f"{rows} rows are too many for a brief fit") for base in bases]
     with tempfile.TemporaryDirectory(prefix="terrapin_") as scratch:
         found = []
         for base in bases:
@@ -58,7 +57,7 @@ def offers(bases: Sequence[Base], document: Callable[[Base, Path], str], rows: i
                 found.append(_fitted(base, load_case(folder)))
             except UserError as error:
                 why = str(error).removeprefix(f"{folder / 'case.toml'}: ").replace(str(folder), base.name)
-                found.append(Offer(base, (), np.nan, 0.0, why))
+                found.append(Offer(base, {}, 0.0, why))
     place = {offer.base.name: i for i, offer in enumerate(found)}
     return sorted(found, key=lambda offer: (bool(offer.why), -offer.worth, place[offer.base.name]))
 
@@ -68,7 +67,8 @@ def told(found: Sequence[Offer], chosen: Base) -> list[str]:
     lines = []
     for offer in found:
         mark = "*" if offer.base is chosen else " "
-        words = offer.why or f"leaves {offer.error:.2g} of the scatter of {', '.join(offer.channels)}"
+        left = [f"{one:.2g} of {name}" for name, one in offer.left.items()]
+        words = offer.why or f"leaves {', '.join(left).replace(' of ', ' of the scatter of ', 1)}"
         lines.append(f"{mark} {offer.base.name}: {words}")
     if len(found) == 1:
         return [f"The one base model whose inputs these columns have:{lines[0][1:]}"]
@@ -85,9 +85,9 @@ def _fitted(base: Base, case: Case) -> Offer:
         fit = fit_model(model.bind(case.inputs, rows), values, scatter, [model.start])
     each = np.sqrt((fit.residual**2).mean(axis=1))
     if not np.isfinite(each).all():
-        return Offer(base, model.channels, np.nan, 0.0, "gives no numbers on these rows with the placeholders")
+        return Offer(base, {}, 0.0, "gives no numbers on these rows with the placeholders")
     worth = -float(np.log(np.clip(each, FLOOR, 1.0)).sum())
-    return Offer(base, model.channels, float(np.sqrt((each * each).mean())), worth)
+    return Offer(base, dict(zip(model.channels, each.tolist(), strict=True)), worth)
 
 
 def _few(case: Case) -> Mask:
