@@ -103,6 +103,10 @@ def test_what_is_wrong_is_said_where_it_happened(server: Server, browser: Browse
         page.locator("#files").set_input_files(wrong)  # type: ignore[arg-type]
         expect(page.get_by_role("alert")).to_have_text(re.compile("^junk.csv: byte 128 is not UTF-8 text"))
         page.get_by_role("button", name="Dismiss").click()
+        parted = [{"name": "parted.csv", "mimeType": "text/csv", "buffer": b"a,b\n1,2\n\n3,4\n"}]
+        page.locator("#files").set_input_files(parted)  # type: ignore[arg-type]
+        expect(page.get_by_role("alert")).to_have_text(re.compile("^parted.csv:4: found an empty or broken line"))
+        page.get_by_role("button", name="Dismiss").click()
         page.evaluate("location.hash = '#workbench/without'")
         expect(page.get_by_role("alert")).to_contain_text("the model gives")
         expect(page.get_by_role("button", name="Undo", exact=True)).to_be_visible()

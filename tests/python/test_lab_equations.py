@@ -19,6 +19,7 @@ from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.expression_answers import expressions
 from terrapin_tools.workbench.discover.ranker import Ranker
 from terrapin_tools.workbench.discover.ranking import Blamed
+from terrapin_tools.workbench.story.sentences import carried
 from terrapin_tools.workbench.story.told import told
 
 RUNS, ROWS = 12, 15
@@ -169,6 +170,14 @@ def test_the_runs_that_carry_the_misfit_are_the_worst(tmp_path: Path) -> None:
     assert len(lines) == 1
     assert lines[0].startswith(f"Half of the misfit is in 1 of {RUNS} runs: r03 (")
     assert lines[0].endswith(" noise sd).")
+
+
+def test_a_misfit_of_all_runs_is_no_matter_of_half_of_them() -> None:
+    """It read 'Half of the misfit is in 6 of 12 runs' and named four, of 43.1 to 42.3 noise sd."""
+    even = [(f"r{i}", 43.1 - 0.1 * i) for i in range(6)]
+    assert carried(even, 12) == "The misfit is spread over the runs: r0 is worst, with 43.1 noise sd."
+    assert carried(even[:2], 5).startswith("Half of the misfit is in 2 of 5 runs: r0 (43.1 noise sd), r1 ")
+    assert carried(even[:1], 2).startswith("Half of the misfit is in 1 of 2 runs: r0 ")
 
 
 def test_a_run_that_is_off_is_told_where_noise_looks_larger_than_stated(tmp_path: Path) -> None:

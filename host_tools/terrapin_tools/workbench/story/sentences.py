@@ -381,6 +381,8 @@ def carried(errors: Sequence[tuple[str, float]], runs: int) -> str:
     """The runs whose misfit makes up half of all, with their errors in noise sd, worst first."""
     if not errors:
         return "No run is further off than its noise: the misfit is in how the rows follow each other."
+    if len(errors) > 1 and runs <= 2 * len(errors):  # so many hold half of what is spread evenly
+        return f"The misfit is spread over the runs: {errors[0][0]} is worst, with {in_sd(errors[0][1])} noise sd."
     names = ", ".join(f"{name} ({in_sd(error)} noise sd)" for name, error in errors[:NAMED_RUNS])
     more = f" and {len(errors) - NAMED_RUNS} more" if len(errors) > NAMED_RUNS else ""
     return f"Half of the misfit is in {len(errors)} of {runs} runs: {names}{more}."
