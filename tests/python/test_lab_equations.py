@@ -13,12 +13,14 @@ from casekit import terrapin
 from terrapin_hil.arrays import Array
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.errors import UserError
+from terrapin_tools.web.cases.view import view
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.compare.comparison import analyse
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.expression_answers import expressions
 from terrapin_tools.workbench.discover.ranker import Ranker
 from terrapin_tools.workbench.discover.ranking import Blamed
+from terrapin_tools.workbench.story.page import page_of
 from terrapin_tools.workbench.story.sentences import carried
 from terrapin_tools.workbench.story.told import told
 
@@ -170,6 +172,27 @@ def test_the_runs_that_carry_the_misfit_are_the_worst(tmp_path: Path) -> None:
     assert len(lines) == 1
     assert lines[0].startswith(f"Half of the misfit is in 1 of {RUNS} runs: r03 (")
     assert lines[0].endswith(" noise sd).")
+
+
+def test_page_and_report_show_the_formulas_of_the_model(tmp_path: Path) -> None:
+    """Of an equation of one's own they showed the parameters, and nowhere what these are parameters of."""
+    load = np.repeat(np.linspace(0.0, 0.3, RUNS), ROWS)
+    columns = {"load": load, "current": load / 0.03 + 0.01 * np.sin(np.arange(len(load)))}
+    mapped = 'load = { column = "load", unit = "N m" }\ncurrent = { column = "current", unit = "A" }\n'
+    folder = write(
+        tmp_path / "case",
+        'current = "(load + c)/K"',
+        "[fit]\nc = { value = 0.0 }\nK = { value = 0.1 }\n",
+        mapped,
+        columns,
+    )
+    ((left, formula),) = view(folder)["formulas"]
+    assert left == "current"
+    assert "<mfrac>" in formula
+    analysis = analyse(load_case(folder))
+    report = page_of(analysis, told(analysis))
+    assert '<span class="soft">current =</span>' in report
+    assert formula in report
 
 
 def test_a_misfit_of_all_runs_is_no_matter_of_half_of_them() -> None:

@@ -40,7 +40,7 @@ from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.story import answer
 from terrapin_tools.workbench.story.effect_picture import as_svg
-from terrapin_tools.workbench.story.formulas import from_latex
+from terrapin_tools.workbench.story.formulas import from_latex, of_model
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.plot_data import MAX_ROWS, Drawn, drawn_data
 from terrapin_tools.workbench.story.sentences import amount, chance, noise_line, number, stuck
@@ -133,6 +133,7 @@ def view(folder: str | Path, rows_to: str = "") -> dict[str, Any]:
         "heading": story.heading,
         "measure": story.measure,
         "by_run": story.by_run,
+        "formulas": of_model(case.text),
         "model": [_in_model(effect, parameters, case) for effect in effects],
         "constants": _constants(case),
         "cards": [_card(card) for card in story.cards],

@@ -312,6 +312,7 @@ export class Controller {
 /** @param {CasePage} page @param {View} view */
 export function below(page, view) {
   const parameters = h('section', { class: 'panel' }, h('h2', { text: 'Parameters of the model' }),
+    view.formulas.map(([left, formula]) => h('div', { class: 'row' }, h('span', { class: 'soft', text: `${left} =` }), h('span', { html: formula }))),
     h('table', {}, h('tbody', {}, view.parameters.map(([key, text, stuck]) => h('tr', {}, h('td', {}, key, stuck ? h('span', { class: 'warn small', text: ` ${stuck}` }) : null),
       h('td', { class: 'wrap', text }))))));
   const errors = h('section', { class: 'panel' }, h('h2', { text: 'Errors and noise' }),

@@ -70,7 +70,7 @@ interface Draft { title: string; base: string; effects: string[]; runs: number; 
 /** All that is drawn of a case. */
 interface View extends Draft {
   verdict: string; chip: string; headline: string; where: { variable: string; channel: string; text: string }[];
-  discovered: boolean; missing: string[]; rivals: string[][]; model: InModel[]; constants: ConstantLine[]; cards: Card[]; next: Next & Partial<Experiment>;
+  discovered: boolean; missing: string[]; rivals: string[][]; formulas: [string, string][]; model: InModel[]; constants: ConstantLine[]; cards: Card[]; next: Next & Partial<Experiment>;
   curve: string; heading: string; measure: string; by_run: string; remarks: string[]; front: { terms: number; name: string; training: string; held_out: string; probability: string; share: number }[]; chances: [string, string][]; errors: Record<string, string[]>;
   parameters: [string, string, string][];
   channels: Record<string, { noise_sd: number; train_rmse: number; heldout_rmse: number | null; unit: string }>;

@@ -10,13 +10,14 @@ from __future__ import annotations
 
 import html
 import re
+import tomllib
 from xml.etree.ElementTree import tostring
 
 from latex2mathml.converter import convert_to_element
 
 from terrapin_hil.physics.expression import parse
 
-__all__ = ["from_expression", "from_latex"]
+__all__ = ["from_expression", "from_latex", "of_model"]
 
 BETWEEN = re.compile(r",\s*\\(?:;|,|quad)\s*")  # two equations of one line
 FUNCTION = re.compile(r"\\(?:sin|cos|tan|exp|log)(?![a-z])")
@@ -29,6 +30,20 @@ def from_latex(text: str) -> str:
     if any(part.count("(") != part.count(")") or part.count("{") != part.count("}") for part in parts):
         parts = [text]  # the comma stands inside a bracket
     return " ".join(_math(part) for part in parts)
+
+
+def of_model(text: str) -> list[tuple[str, str]]:
+    r"""The formulas that case.toml, `text`, gives its model: of what each is, and the formula as MathML.
+
+    >>> [left for left, _ in of_model('[model.derivative]\nx = "v"\n[model.measured]\nway = "x"')]
+    ['dx/dt', 'way']
+    """
+    model = tomllib.loads(text).get("model", {})
+    return [
+        (f"d{name}/dt" if part == "derivative" else name, from_expression(formula))
+        for part in ("equation", "derivative", "measured")
+        for name, formula in model.get(part, {}).items()
+    ]
 
 
 def from_expression(text: str) -> str:

@@ -12,7 +12,7 @@ from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.effect_picture import as_svg
-from terrapin_tools.workbench.story.formulas import from_latex
+from terrapin_tools.workbench.story.formulas import from_latex, of_model
 from terrapin_tools.workbench.story.notes import to_html
 from terrapin_tools.workbench.story.page_frame import PAGE, STYLE
 from terrapin_tools.workbench.story.page_script import plots_script, plots_style
@@ -25,7 +25,7 @@ __all__ = ["page_of", "render"]
 def page_of(analysis: Analysis, story: Story, history: Sequence[Mapping[str, Any]] = ()) -> str:
     """The page of a case; `history` of its steps."""
     data = page_data(analysis, story, previews(analysis, story))
-    return render(story, data, history, analysis.model.effects, analysis.case.notes)
+    return render(story, data, history, analysis.model.effects, analysis.case.notes, of_model(analysis.case.text))
 
 
 def render(
@@ -34,11 +34,12 @@ def render(
     history: Sequence[Mapping[str, Any]] = (),
     model: Sequence[Effect] = (),
     notes: str = "",
+    formulas: Sequence[tuple[str, str]] = (),
 ) -> str:
     """The page as text.
 
     `data`: what its script draws, of plot_data; `history`: of the case's steps; `model`: the effects in it; `notes`:
-    Markdown.
+    Markdown; `formulas`: of the case's own model, as `formulas.of_model` has them.
     """
     environment = Environment(autoescape=True, undefined=StrictUndefined)
     words = {name: getattr(sentences, name) for name in ("amount", "chance", "floor", "in_sd", "number", "stuck")}
@@ -52,6 +53,7 @@ def render(
         notes=to_html(notes),
         not_looked=sentences.NOT_LOOKED,
         mathml=from_latex,
+        formulas=formulas,
         full=CARDS // 2 if story.verdict == "adequate" else max(CARDS, named),
         curve_svg=as_svg(story.found.unknown) if story.found and story.found.unknown else "",
         curves={tuple(effects): i for i, effects in enumerate(data["sets"])},

@@ -144,6 +144,8 @@ missing</span></h2><table><thead><tr><th class="n">terms</th><th></th><th class=
 </div>
 <div class="three">
 <section><h2>Parameters of the model</h2>
+{%- for left, formula in formulas %}<p><span class="soft">{{ left }} =</span>
+<span class="eq">{{ formula|safe }}</span></p>{% endfor %}
 {%- if story.parameters or model %}<table><tbody>{% for key, value in story.parameters.items() %}<tr><td>{{ key }}
 {%- if value.at_bound %}<br><span class="warn">{{ stuck(value) }}</span>{% endif %}</td>
 <td class="n">{{ amount(value) }}</td></tr>{% endfor %}
