@@ -40,7 +40,7 @@ from terrapin_tools.workbench.discover.decide import (
     weights,
     with_curves,
 )
-from terrapin_tools.workbench.discover.leftover import CLEARLY, Doubts, around, doubts, noise_left, sd_of, stand_alone
+from terrapin_tools.workbench.discover.leftover import Doubts, around, doubts, noise_left, sd_of, stand_alone
 from terrapin_tools.workbench.discover.misfit import Part, Step, front, importance, part_of
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking, rank
@@ -227,17 +227,22 @@ def _said(found: Weighed, level: float) -> tuple[Analysis, Ranking, Decision]:
 
 
 def _ahead(case: Case, ranking: Ranking, said: Decision, seed: int, level: float) -> Decision:
-    """What compare would say with the answer in the model: that nothing else is missing is not said where it surely
-    raises an alarm then. While something was missing, what else is wrong may have passed for a kind of noise."""
+    """What compare would say with the answer in the model, heard before nothing else is said to be missing: while
+    something was missing, what else is wrong may have passed for a kind of noise.
+
+    A p-value p counts for as much as it can, a Bayes factor of -e p log p (Sellke, Bayarri and Berger, 2001).
+    """
     if said.verdict != "missing":
         return said
     try:
         p_value = analyse(_having(case, ranking, said.told[0]), seed, level).adequacy.p_value
     except UserError:  # so few rows that the answer takes as many parameters, which no comparison judges
         return said
-    if p_value >= level / CLEARLY:
-        return said
-    return replace(said, verdict="partial", probability=min(said.probability, calibrated(1.0 - p_value, "partial")))
+    factor = -np.e * p_value * float(np.log(p_value)) if p_value < 1.0 / np.e else 1.0
+    enough = said.probability * factor / (said.probability * factor + 1.0 - said.probability)
+    if enough >= level:
+        return replace(said, probability=enough)
+    return replace(said, verdict="partial", probability=min(said.probability, calibrated(1.0 - enough, "partial")))
 
 
 def _having(case: Case, ranking: Ranking, answer: Hypothesis) -> Case:
