@@ -6,6 +6,7 @@ discovery.verdict, discovery.missing, discovery.answer_probability
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -238,7 +239,7 @@ def _ahead(case: Case, ranking: Ranking, said: Decision, seed: int, level: float
         p_value = analyse(_having(case, ranking, said.told[0]), seed, level).adequacy.p_value
     except UserError:  # so few rows that the answer takes as many parameters, which no comparison judges
         return said
-    factor = -np.e * p_value * float(np.log(p_value)) if p_value < 1.0 / np.e else 1.0
+    factor = -math.e * p_value * math.log(p_value) if p_value < 1.0 / math.e else 1.0
     enough = said.probability * factor / (said.probability * factor + 1.0 - said.probability)
     if enough >= level:
         return replace(said, probability=enough)
