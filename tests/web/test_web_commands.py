@@ -166,6 +166,11 @@ ORDERS = st.fixed_dictionaries(
             max_size=3,
         ),
         "equation": st.dictionaries(NAMES, LINES, max_size=2),
+        "states": st.dictionaries(
+            NAMES, st.fixed_dictionaries({"initial": st.sampled_from(["fit", "x_0"]) | NUMBERS, "unit": UNITS}),
+            max_size=2,
+        ),
+        "derivative": st.dictionaries(NAMES, LINES, max_size=2), "measured": st.dictionaries(NAMES, LINES, max_size=2),
         "limits": st.dictionaries(
             NAMES, st.fixed_dictionaries({"min": LIMITS, "max": LIMITS, "unit": UNITS}), max_size=2
         ),
@@ -176,7 +181,8 @@ ORDERS = st.fixed_dictionaries(
 )  # fmt: skip
 OPTIONS = {
     "title": "title", "base": "base", "effect": "effects", "column": "columns", "unit": "units", "noise": "noises",
-    "constant": "constants", "fit": "fits", "equation": "equations", "limit": "limits", "run": "run",
+    "constant": "constants", "fit": "fits", "equation": "equations", "state": "states",
+    "derivative": "derivatives", "measured": "measured", "limit": "limits", "run": "run",
     "train": "train", "test": "test", "every": "every", "period": "period", "read": "readings",
 }  # fmt: skip
 
@@ -215,6 +221,7 @@ def test_an_order_survives_the_command_line(wanted: dict[str, Any]) -> None:
         ("fits", "k=nan", "expected numbers in k=START"),
         ("fits", "k=::1", "expected k=START"),
         ("limits", "omega=1", "--limit: found omega=1, expected omega=MIN:MAX[:UNIT]"),
+        ("states", "x=:m", "--state: found x=:m, expected x=INITIAL[:UNIT]"),
         ("every", 0, "--every: found 0"),
     ],
 )
@@ -222,7 +229,7 @@ def test_what_is_wrong_in_an_option_is_said_of_it(option: str, text: Any, words:
     given_: dict[str, Any] = {
         "title": "", "base": "equation", "run": "", "period": "10 ms", "every": 1, "columns": ["omega=w"],
         **{key: [] for key in ("effects", "units", "noises", "constants", "fits", "equations", "limits")},
-        "train": [], "test": [], "readings": [],
+        "train": [], "test": [], "readings": [], "states": [], "derivatives": [], "measured": [],
     }  # fmt: skip
     given_[option] = [*given_[option], text] if isinstance(given_[option], list) else text
     with pytest.raises(UserError) as found:

@@ -129,6 +129,12 @@ def map_(
     constant: Annotated[Texts, typer.Option("--constant", metavar="NAME=VALUE", help="known parameter")] = None,
     fit: Annotated[Texts, typer.Option("--fit", metavar="NAME=START[:MIN:MAX[:UNIT]]", help="to be fitted")] = None,
     equation: Annotated[Texts, typer.Option("--equation", metavar="NAME=FORMULA", help="of base equation")] = None,
+    state: Annotated[
+        Texts,
+        typer.Option("--state", metavar="NAME=INITIAL[:UNIT]", help="of base ode, from fit, a number or a column"),
+    ] = None,
+    derivative: Annotated[Texts, typer.Option("--derivative", metavar="STATE=FORMULA", help="of base ode")] = None,
+    measured: Annotated[Texts, typer.Option("--measured", metavar="NAME=FORMULA", help="of base ode")] = None,
     limit: Annotated[Texts, typer.Option("--limit", metavar="NAME=MIN:MAX[:UNIT]", help="what the rig can set")] = None,
     run: Annotated[str, typer.Option("--run", metavar="COLUMN", help="that names the run; none: a file each")] = "",
     train: Annotated[Texts, typer.Option("--train", metavar="RUN", help="a training run; repeat for more")] = None,
@@ -144,6 +150,11 @@ def map_(
 
     Example: terrapin case map day_1.csv --to my_case --base equation --column "f=force" --unit f=N
     --column "x=way [mm]" --unit x=mm --equation "f=k*x" --fit k=1:0:9
+
+    Differential equations of your own (docs/ode.md):
+
+    terrapin case map day_1.csv --to my_case --base ode --column time=t --unit time=s --column x=way --unit x=mm
+    --state x=fit:m --state v=fit:m/s --derivative x=v --derivative "v=-k*x-d*v" --measured x=x --fit k=7 --fit d=0.4
     """
     from terrapin_tools.workbench.files.writing import whole_folder
     from terrapin_tools.workbench.new_case import options
@@ -156,6 +167,7 @@ def map_(
         title=title or to.resolve().name, base=base, effects=effect or [],
         columns=column or [], units=unit or [], noises=noise or [],
         constants=constant or [], fits=fit or [], equations=equation or [], limits=limit or [],
+        states=state or [], derivatives=derivative or [], measured=measured or [],
         run=run, train=train or [], test=test or [], every=every, period=period, readings=read or [],
     )  # fmt: skip
     with whole_folder(to) as scratch:

@@ -22,7 +22,6 @@ from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.bases import ROLES as BASE_ROLES
 from terrapin_tools.workbench.bases.kinds.names import formula_name, in_letters
 from terrapin_tools.workbench.case.case import Case, load_case, parse_case
-from terrapin_tools.workbench.case.changes import inline_tables
 from terrapin_tools.workbench.files.arrow_tables import from_arrow
 from terrapin_tools.workbench.files.format import Ambiguous, meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
@@ -51,12 +50,12 @@ class Motion:
 
     @property
     def entries(self) -> dict[str, Any]:
-        """What [model] holds of them; nothing where there are none."""
+        """What an order holds of them; nothing where there are none."""
         if not self.derivative and not self.states:
-            return {}
+            return {"states": {}, "derivative": {}, "measured": {}}
         states = {name: _state(name, value) for name, value in self.states.items()}
-        found = {"states": inline_tables(states), "derivative": dict(self.derivative), "measured": dict(self.measured)}
-        return {**({"inputs": "held"} if self.held else {}), **found}
+        found = {"states": states, "derivative": dict(self.derivative), "measured": dict(self.measured)}
+        return {**found, "held": self.held}
 
 
 def table_of(source: object) -> tuple[Table, dict[str, str]]:
@@ -131,6 +130,7 @@ def case_of(
         "effects": [str(one) for one in effects],
         "columns": mapped,
         "equation": dict(channels) if equation else {},
+        **motion.entries,
         "parameters": {name: _constant(name, value) for name, value in constants.items()},
         "fit": {
             name: dict(zip(("value", "min", "max", "unit"), numbers(f"fit: {name}", value), strict=True))
@@ -141,7 +141,7 @@ def case_of(
         "train": [_run(one) for one in train],
         "test": [_run(one) for one in test],
     }
-    text = _with_more(document_of(order, [FILE], maker="terrapin_tools.Case"), table, groups, motion)
+    text = _with_more(document_of(order, [FILE], maker="terrapin_tools.Case"), table, groups)
     held = {FILE: replace(table, notes=(*table.notes, *_not_taken(measured - {*names.values()}, base)))}
     try:
         return parse_case(Path(), text, held)
@@ -150,10 +150,9 @@ def case_of(
         raise UserError(rest if place.startswith("case.toml:") else str(error), error.status) from None
 
 
-def _with_more(text: str, table: Table, groups: Mapping[str, str], motion: Motion) -> str:
-    """The text of a case with equations over time, and with parameters that have a value for each group."""
+def _with_more(text: str, table: Table, groups: Mapping[str, str]) -> str:
+    """The text of a case with parameters that have a value for each group."""
     document: Any = tomlkit.parse(text)
-    document["model"].update(motion.entries)
     for name, said in groups.items():
         column = meant(said, table.columns)
         if column is None:

@@ -55,6 +55,13 @@ class Limit(Request):
     unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
 
 
+class State(Request):
+    """One line of [model.states]."""
+
+    initial: FiniteFloat | Key = Field(default="fit", description="a number in `unit`, `fit` or the name of a column")
+    unit: Annotated[str, StringConstraints(pattern=r"^[^\x00-\x1f\x7f]*$", max_length=100)] = ""
+
+
 class NewCase(Request):
     """What case.toml says (docs/cases.md), with uploads for files."""
 
@@ -76,9 +83,14 @@ class NewCase(Request):
     )
     columns: dict[Key, MappedColumn] = Field(min_length=1, max_length=200, json_schema_extra=CLOSED)
     equation: dict[Key, Formula] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
+    states: dict[Key, State] = Field(
+        default={}, max_length=8, json_schema_extra=CLOSED, description="of the base model ode, as are the next two"
+    )
+    derivative: dict[Key, Formula] = Field(default={}, max_length=8, json_schema_extra=CLOSED)
+    measured: dict[Key, Formula] = Field(default={}, max_length=20, json_schema_extra=CLOSED)
     parameters: dict[Key, Quantity | bool] = Field(default={}, max_length=200, json_schema_extra=CLOSED)
     fit: dict[Key, Parameter] = Field(
-        default={}, max_length=100, json_schema_extra=CLOSED, description="`unit` for the base model equation only"
+        default={}, max_length=100, json_schema_extra=CLOSED, description="`unit` for equation and ode only"
     )
     limits: dict[Key, Limit] = Field(default={}, max_length=50, json_schema_extra=CLOSED)
 

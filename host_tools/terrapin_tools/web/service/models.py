@@ -189,7 +189,7 @@ class Base(BaseModel):
     options: dict[str, list[str]]
     fit: str | None = Field(description="a line for [fit] of case.toml to start from")
     own_names: bool = Field(description="names and units are the user's own")
-    own_dynamics: bool = Field(description="so are its differential equations, which are written in case.toml")
+    own_dynamics: bool = Field(description="so are its differential equations")
     left_out: list[str] = Field(description="roles that a new case does not map")
 
 

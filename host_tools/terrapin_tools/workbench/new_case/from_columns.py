@@ -147,6 +147,9 @@ def document_of(
     model: dict[str, Any] = {"base": order["base"], "effects": order["effects"]}
     if order["equation"]:
         model["equation"] = order["equation"]
+    if order["derivative"] or order["states"] or order["measured"]:
+        motion = {"states": inline_tables(order["states"]), **{key: order[key] for key in ("derivative", "measured")}}
+        model |= {**({"inputs": "held"} if order.get("held") else {}), **motion}
     document["model"] = model
     if order["parameters"]:
         document["parameters"] = order["parameters"]

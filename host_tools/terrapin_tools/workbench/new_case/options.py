@@ -30,6 +30,9 @@ def arguments(order: dict[str, Any], files: Sequence[str], dbc: str, to: str) ->
         *(("constant", f"{name}={_spelt(value)}") for name, value in order["parameters"].items()),
         *(("fit", f"{name}={_fit(entry)}") for name, entry in order["fit"].items()),
         *(("equation", f"{name}={formula}") for name, formula in order["equation"].items()),
+        *(("state", f"{name}={_joined(entry, 'initial')}") for name, entry in order["states"].items()),
+        *(("derivative", f"{name}={formula}") for name, formula in order["derivative"].items()),
+        *(("measured", f"{name}={formula}") for name, formula in order["measured"].items()),
         *(("limit", f"{name}={_joined(entry, 'min', 'max')}") for name, entry in order["limits"].items()),
         ("run", order["run"]),
         *(("train", run) for run in order["train"]),
@@ -69,6 +72,9 @@ def read(
     constants: Sequence[str],
     fits: Sequence[str],
     equations: Sequence[str],
+    states: Sequence[str],
+    derivatives: Sequence[str],
+    measured: Sequence[str],
     limits: Sequence[str],
     run: str,
     train: Sequence[str],
@@ -99,6 +105,9 @@ def read(
         "parameters": {name: _constant(text) for name, text in pairs("--constant", constants).items()},
         "fit": _entries("--fit", fits, ("value", "min", "max"), _number, shape),
         "equation": pairs("--equation", equations),
+        "states": {name: _state(name, text) for name, text in pairs("--state", states).items()},
+        "derivative": pairs("--derivative", derivatives),
+        "measured": pairs("--measured", measured),
         "limits": _entries("--limit", limits, ("min", "max"), _constant, "MIN:MAX[:UNIT]"),
         "run": run,
         "train": list(train),
@@ -150,6 +159,17 @@ def _entries(
         unit = parts[len(keys)] if len(parts) > len(keys) else ""
         found[name] = {**dict(zip(keys, values, strict=True)), "unit": unit}
     return found
+
+
+def _state(name: str, text: str) -> dict[str, Any]:
+    """INITIAL[:UNIT] as an entry of [model.states]; what is no number is `fit` or a column, which the case knows."""
+    initial, _, unit = text.partition(":")
+    if not initial:
+        raise UserError(f"--state: found {name}={text}, expected {name}=INITIAL[:UNIT]")
+    try:
+        return {"initial": _number(initial), "unit": unit}
+    except ValueError:
+        return {"initial": initial, "unit": unit}
 
 
 def _number(text: str) -> float:
