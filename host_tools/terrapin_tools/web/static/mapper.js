@@ -1,8 +1,8 @@
 // Measurements into a case: drop files, see what was guessed of their columns, correct it, make the case.
 // What is typed is kept by the server beside the first of the files (its draft), so that a reload loses nothing.
 import { lineOf } from './app.js';
-import { MapForm } from './map_form.js';
-import { asQuery, choices } from './map_read.js';
+import { MapForm } from './mapping/map_form.js';
+import { asQuery, choices } from './mapping/map_read.js';
 
 const KEEP_MS = 300; // after the last key, before what is typed is kept
 
@@ -155,7 +155,7 @@ export class Mapper {
     sheet.constants(draft?.constants);
     sheet.element.addEventListener('change', (event) => { // only what a column is changes the constants: who goes on to one keeps it
       const changed = /** @type {HTMLElement} */ (event.target);
-      if (sheet.rows.some((one) => one.is === changed) || changed.dataset.key === 'channel') this.app.keepFocus(sheet.extra, () => sheet.constants());
+      if (sheet.rows.some((one) => one.is === changed || (sheet.base.own_dynamics && one.unit === changed)) || changed.dataset.key === 'channel') this.app.keepFocus(sheet.extra, () => sheet.constants());
     });
     this.tellCommand();
   }

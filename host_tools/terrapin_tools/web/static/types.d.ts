@@ -107,6 +107,13 @@ interface Suiting { base: string; lines: string[] }
 /** What happens when somebody changes the form. */
 interface MapHeard { make(): void; discard(): void; later(): void; remodel(): void; look(show: (text: string) => void): void; reread(reading: Record<string, string>): void }
 interface MapRow { column: UploadColumn; is: HTMLSelectElement | HTMLInputElement; unit: HTMLInputElement; sigma: HTMLInputElement; element: HTMLElement }
+/** A mapped column: its name in formulas, its unit, and whether its heading says that it is the time. */
+interface Mapped { name: string; unit: string; clock: boolean }
+/** Differential equations of one's own, as POST /api/cases takes them. */
+interface MapMotion {
+  states: Record<string, { initial: number | string; unit: string }>; derivative: Record<string, string>; measured: Record<string, string>;
+  fit: Record<string, { value: number; min?: number; max?: number; unit?: string }>; parameters: Record<string, number | string>;
+}
 interface Base {
   name: string; channels: { name: string; unit: string }[]; roles: { name: string; unit: string; needed: boolean }[];
   parameters: { name: string; unit: string; placeholder: string | null; default: number | null }[]; fit: string | null;

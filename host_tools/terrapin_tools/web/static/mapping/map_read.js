@@ -1,5 +1,5 @@
 // How a table is to be read, where the file itself does not say it or says it wrong: the options of --read.
-import { h } from './app.js';
+import { h } from '../app.js';
 
 /** key -> what it is called, and its values where there are few @type {[string, string, string[]][]} */
 const KEYS = [

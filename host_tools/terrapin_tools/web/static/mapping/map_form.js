@@ -1,12 +1,9 @@
 // The form that maps the columns of a table or a log: what was guessed, and what is typed; `order` is the case asked for.
-import { h, number } from './app.js';
+import { h, number } from '../app.js';
 import { Reading } from './map_read.js';
+import { NAME, OwnEquations, namesIn } from './own_equations.js';
 
 const MOST_ROWS = 2e6; // of a case
-const NAME = /^[A-Za-z_]\w*$/;
-const FUNCTIONS = ['abs', 'sign', 'sqrt', 'exp', 'log', 'sin', 'cos', 'tan', 'tanh', 'min', 'max'];
-/** What a formula names besides functions; the e of 2e3 is none. @param {string} formula */
-const namesIn = (formula) => [...new Set(formula.match(/(?<![\w.])[A-Za-z_]\w*/g) ?? [])].filter((name) => !FUNCTIONS.includes(name));
 /** A name for a case, from that of a file. @param {string} name */
 const plain = (name) => {
   const word = name.replace(/\s*[[(].*$/, '').replace(/\W+/g, '_').replace(/^_+|_+$/g, '').toLowerCase();
@@ -23,14 +20,15 @@ export class MapForm {
     this.data = data;
     this.dbc = dbc;
     this.suiting = source.suiting;
-    const bases = source.bases.filter((one) => !one.own_dynamics); // no form has room for its equations
-    this.base = bases.find((one) => one.name === base) || bases[0];
+    this.base = source.bases.find((one) => one.name === base) || source.bases[0];
+    /** @type {OwnEquations | null} */
+    this.motion = null; // differential equations of one's own
     const name = plain(first.name.replace(/\.\w+$/, '')).slice(0, 60) || 'case';
     /** @param {Properties} properties */
     const text = (properties) => h('input', { type: 'text', autocomplete: 'off', spellcheck: 'false', ...properties });
     this.title = text({ value: fields.title ?? first.name.replace(/\.\w+$/, '').replaceAll('_', ' '), maxlength: '200' });
     this.caseName = text({ value: fields.name ?? name, maxlength: '64', pattern: '[A-Za-z0-9][A-Za-z0-9_.\\-]{0,63}', title: 'Letters a to z, digits, _ . and -, of which the first is a letter or a digit', required: true });
-    this.model = h('select', { onchange: () => heard.remodel() }, bases.map((one) => h('option', { value: one.name, text: one.name, selected: one === this.base })));
+    this.model = h('select', { onchange: () => heard.remodel() }, source.bases.map((one) => h('option', { value: one.name, text: one.own_dynamics ? `${one.name}: your own differential equations` : one.name, selected: one === this.base })));
     const run = fields.run ?? first.run_guess;
     this.run = h('select', {}, h('option', { value: '', text: 'each file is one run' }), first.columns.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === run })));
     this.period = first.kind === 'log' ? text({ value: fields.period ?? '10 ms' }) : null;
@@ -95,12 +93,13 @@ export class MapForm {
     const { base } = this;
     const free = base.own_names;
     const names = free ? [] : [...base.channels.map((c) => c.name), ...base.roles.map((r) => r.name)];
-    const guess = typed?.name !== undefined ? typed.name : column.role_guess && names.includes(column.role_guess) && !base.left_out.includes(column.role_guess) ? column.role_guess : '';
-    const is = free ? h('input', { type: 'text', value: typed?.name ?? column.name_guess, 'aria-label': `name of ${column.name}; empty: not mapped` })
+    const own = base.own_dynamics && column.role_guess === 'time' ? 'time' : column.name_guess;
+    const guess = typed?.name !== undefined ? typed.name : free ? own : column.role_guess && names.includes(column.role_guess) && !base.left_out.includes(column.role_guess) ? column.role_guess : '';
+    const is = free ? h('input', { type: 'text', value: guess, 'aria-label': `name of ${column.name}; empty: not mapped` })
       : h('select', { 'aria-label': `what ${column.name} is` }, h('option', { value: '', text: 'not mapped' }),
         h('optgroup', { label: 'measured (predicted by the model)' }, base.channels.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === guess }))),
         h('optgroup', { label: 'inputs' }, base.roles.filter((r) => !base.channels.some((c) => c.name === r.name)).map((r) => h('option', { value: r.name, text: `${r.name}${r.needed ? ' (needed)' : ''}`, selected: r.name === guess }))));
-    const canonical = [...base.channels, ...base.roles].find((one) => one.name === guess)?.unit;
+    const canonical = free && guess !== 'time' ? undefined : [...base.channels, ...base.roles].find((one) => one.name === guess)?.unit;
     const unit = h('input', { type: 'text', class: 'short', value: typed?.unit ?? (column.unit_guess || canonical || ''), placeholder: '1', 'aria-label': `unit of ${column.name}` });
     const sigma = h('input', { type: 'text', class: 'short', value: typed?.sigma ?? '', inputmode: 'decimal', placeholder: 'estimated', 'aria-label': `noise sd of ${column.name}` });
     const values = column.preview.slice(0, 4).map((v) => (Number.isFinite(Number(v)) ? number(Number(v)) : v)).join('  ');
@@ -117,14 +116,19 @@ export class MapForm {
     /** @param {string} key @param {string | null} value @param {Properties} properties */
     const input = (key, value, properties = {}) => h('input', { type: 'text', 'data-key': key, value: kept(key, value), autocomplete: 'off', spellcheck: 'false', ...properties });
     const parts = [];
-    if (base.own_names) {
+    if (base.own_dynamics) {
+      const columns = this.rows.map((one) => ({ name: one.is.value.trim(), unit: one.unit.value.trim(), clock: one.column.role_guess === 'time' })).filter((one) => one.name);
+      if (this.motion) { this.motion.map(columns); return; } // the caret stays where it is
+      this.motion = new OwnEquations(columns, typed);
+      parts.push(this.motion.element);
+    } else if (base.own_names) {
       const channel = h('select', { 'data-key': 'channel' }, mapped.map((name, i) => h('option', { value: name, text: name, selected: kept('channel') ? name === kept('channel') : i === mapped.length - 1 })));
       const others = mapped.filter((name) => name !== channel.value);
       const formula = input('formula', others.length ? `offset + gradient*${others[0]}` : 'offset', { required: true, oninput: () => tell() });
       const told = h('p', { class: 'soft small', 'aria-live': 'polite' });
       const tell = () => { // so that a slip in a column's name is seen
         const fit = namesIn(formula.value).filter((name) => !mapped.includes(name));
-        told.textContent = `Names that are no columns become parameters to fit: ${fit.join(', ') || 'none here'}. Differential equations are written in case.toml (docs/ode.md).`;
+        told.textContent = `Names that are no columns become parameters to fit: ${fit.join(', ') || 'none here'}.`;
       };
       tell();
       parts.push(h('div', { class: 'four' }, h('label', {}, 'predicted', channel), h('label', { class: 'span' }, 'by the formula', formula)), told);
@@ -164,13 +168,14 @@ export class MapForm {
       const text = input.value.trim();
       parameters[input.dataset.constant || ''] = text !== '' && Number.isFinite(Number(text)) ? Number(text) : text;
     }
-    if (base.own_names) {
+    const motion = this.motion?.order();
+    if (base.own_names && !motion) {
       /** @param {string} key */
       const value = (key) => this.typed().find((one) => one.dataset.key === key)?.value ?? '';
       const formula = value('formula');
       equation[value('channel')] = formula;
       for (const name of namesIn(formula)) if (!columns[name]) fit[name] = { value: name === 'gradient' ? 1 : 0 };
-    } else {
+    } else if (!motion) {
       const found = fitted(base.fit);
       if (found) fit[found.name] = { value: found.value, min: found.min, max: found.max };
     }
@@ -178,7 +183,7 @@ export class MapForm {
     if (!/^[1-9]\d{0,6}$/.test(every)) throw new Error(`every n-th row: found ${every}, expected a whole number from 1`);
     return {
       name: this.caseName.value.trim(), title: this.title.value.trim(), base: base.name, uploads: data.map((one) => one.id), run: this.run.value, every: Number(every),
-      columns, parameters, fit, equation, ...(dbc ? { dbc: dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}), read: this.reading?.said() ?? {},
+      columns, parameters, fit, equation, ...motion, ...(dbc ? { dbc: dbc.id } : {}), ...(this.period ? { period: this.period.value.trim() } : {}), read: this.reading?.said() ?? {},
     };
   }
 
