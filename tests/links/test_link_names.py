@@ -135,7 +135,7 @@ OTHERS = {
     "host_tools/terrapin_tools/workbench/files/split_runs.py": 1,  # --runs gap:SECONDS
     "host_tools/terrapin_tools/workbench/files/times.py": 1,  # a clock
     "host_tools/terrapin_tools/workbench/new_case/from_tables.py": 1,  # --runs gap:SECONDS
-    "host_tools/terrapin_tools/workbench/new_case/options.py": 1,  # COLUMN:UNIT:ROLE
+    "host_tools/terrapin_tools/workbench/new_case/options.py": 2,  # COLUMN:UNIT:ROLE, INITIAL:UNIT
 }
 
 
