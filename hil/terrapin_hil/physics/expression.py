@@ -59,12 +59,15 @@ class Operation:
 Node: TypeAlias = Number | Name | Operation
 
 _BINARY = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "**"}
-_SIGNS = {ast.BitOr: "|", ast.BitAnd: "&", ast.Mod: "%", ast.FloorDiv: "//", ast.MatMult: "@"}
+_SIGNS = {ast.BitOr: "|", ast.BitAnd: "&", ast.Mod: "%", ast.FloorDiv: "//", ast.MatMult: "@", ast.BitXor: "^"}
+_SIGNS |= {ast.LShift: "<<", ast.RShift: ">>"}
 _MEANT = {
     ast.BitXor: "^ is not known: a power is written **",
     ast.BitOr: "| is not known: a magnitude is written abs(x)",
 }
 _COMPARE = {ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!="}
+# Two operands without an operator between them: 2 x, 2x, k (x), (a)(b); 2e3 and 2e-3 are numbers.
+_BESIDE = re.compile(r"[\w.)]\s+(?=[\w(])|\)(?=[\w(])|(?<![\w.])[\d.]*\d(?=(?!e[-+]?\d)[A-Za-z_(])")
 FUNCTIONS = ("abs", "sign", "sqrt", "exp", "log", "sin", "cos", "tan", "tanh", "min", "max")
 
 _NUMPY: dict[str, Any] = {
@@ -125,16 +128,12 @@ def parse(text: str) -> Expression:
     try:
         tree = python_tree(stripped, "eval")
     except SyntaxError as error:
-        if equals := re.search(r"(?<![<>=!:])=(?!=)", stripped):
-            reason = "not a formula: what it is equal to is chosen beside it, expected what stands right of ="
-            raise ValueError(f"column {equals.start() + 1 + offset}: {reason}") from None
-        if "|" in stripped:
-            raise ValueError(f"column {stripped.index('|') + 1 + offset}: operator {_MEANT[ast.BitOr]}") from None
-        raise ValueError(f"column {(error.offset or 1) + offset}: not a formula: {error.msg}") from None
+        column, reason = _mistake(stripped, error)
+        raise ValueError(f"column {column + offset}: {reason}") from None
     except (ValueError, MemoryError, RecursionError) as error:
         raise ValueError(f"column 1: not a formula: {error or 'too deeply nested'}") from None
     try:
-        converted = _convert(tree.body, offset)
+        converted = _convert(tree.body, stripped, offset)
         if _depth(converted) > MAX_DEPTH:
             raise RecursionError
         return Expression(stripped, converted)
@@ -142,9 +141,26 @@ def parse(text: str) -> Expression:
         raise ValueError("column 1: not a formula: too deeply nested") from None
 
 
-def _convert(node: ast.expr, offset: int) -> Node:
-    def refuse(reason: str) -> ValueError:
-        return ValueError(f"column {node.col_offset + 1 + offset}: {reason}")
+def _mistake(text: str, error: SyntaxError) -> tuple[int, str]:
+    """Column, from 1, and reason of what Python's parser refuses, in words of formulas where it has none."""
+    if equals := re.search(r"(?<![<>=!:])=(?!=)", text):
+        return equals.start() + 1, (
+            "not a formula: what it is equal to is chosen beside it, expected what stands right of ="
+        )
+    if "|" in text:
+        return text.index("|") + 1, f"operator {_MEANT[ast.BitOr]}"
+    if text[-1] in "+-*/<>=":
+        return len(text) + 1, "not a formula: it ends where a name, a number or ( is expected"
+    if beside := _BESIDE.search(text):
+        return beside.end() + 1, f"not a formula: expected an operator (+ - * / **) before {text[beside.end() :]}"
+    return error.offset or 1, f"not a formula: {error.msg}"
+
+
+def _convert(node: ast.expr, text: str, offset: int) -> Node:
+    """A node of Python's tree as one of ours; `offset`: spaces before `text`."""
+
+    def refuse(reason: str, column: int = node.col_offset) -> ValueError:
+        return ValueError(f"column {column + 1 + offset}: {reason}")
 
     match node:
         case ast.Constant(value=value):
@@ -164,20 +180,21 @@ def _convert(node: ast.expr, offset: int) -> Node:
                 raise refuse(f"{name} is not a name that a formula may use")
             return Name(name)
         case ast.UnaryOp(op=ast.USub(), operand=operand):
-            return Operation("neg", (_convert(operand, offset),))
+            return Operation("neg", (_convert(operand, text, offset),))
         case ast.UnaryOp(op=ast.UAdd(), operand=operand):
-            return _convert(operand, offset)
+            return _convert(operand, text, offset)
         case ast.BinOp(left=left, op=operator, right=right):
             kind = _BINARY.get(type(operator))
             if kind is None:
-                sign = _SIGNS.get(type(operator), type(operator).__name__)
-                raise refuse(f"operator {_MEANT.get(type(operator), f'{sign} is not known; known: + - * / **')}")
-            return Operation(kind, (_convert(left, offset), _convert(right, offset)))
+                sign = _SIGNS[type(operator)]
+                reason = f"operator {_MEANT.get(type(operator), f'{sign} is not known; known: + - * / **')}"
+                raise refuse(reason, text.index(sign, left.end_col_offset))
+            return Operation(kind, (_convert(left, text, offset), _convert(right, text, offset)))
         case ast.Compare(left=left, ops=[operator], comparators=[right]):
             kind = _COMPARE.get(type(operator))
             if kind is None:
                 raise refuse("comparison not known; known: < <= > >= == !=")
-            return Operation(kind, (_convert(left, offset), _convert(right, offset)))
+            return Operation(kind, (_convert(left, text, offset), _convert(right, text, offset)))
         case ast.Compare():
             raise refuse("chained comparison; write one comparison at a time")
         case ast.Call(func=ast.Name(id=name), args=args, keywords=[]):
@@ -188,13 +205,18 @@ def _convert(node: ast.expr, offset: int) -> Node:
             many = name in ("min", "max")
             if len(args) < 2 if many else len(args) != 1:
                 raise refuse(f"{name} takes {'two or more arguments' if many else 'one argument'}, not {len(args)}")
-            arguments = tuple(_convert(argument, offset) for argument in args)
+            arguments = tuple(_convert(argument, text, offset) for argument in args)
             result = arguments[0] if many else Operation(name, arguments)
             for argument in arguments[1:]:
                 result = Operation(name, (result, argument))
             return result
-        case ast.Tuple():
-            raise refuse("a comma, which parts arguments of min and max; a decimal mark is a point")
+        case ast.Call(func=ast.Constant() | ast.BinOp() as func):
+            raise refuse(
+                "not a formula: expected an operator (+ - * / **) before (", text.index("(", func.end_col_offset)
+            )
+        case ast.Tuple(elts=[first, *_]):
+            reason = "a comma, which parts arguments of min and max; a decimal mark is a point"
+            raise refuse(reason, text.index(",", first.end_col_offset))
         case _:
             raise refuse(f"{type(node).__name__} is not allowed in a formula")
 
