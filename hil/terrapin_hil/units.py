@@ -17,6 +17,7 @@ _RAISED = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _PLAIN = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻", "0123456789+-")
 # A power is one number of at most two digits before the point, perhaps a fraction, with no further power on top of it.
 _NUMBER = r"[-+]?\d{1,2}(?:\.\d{1,17}|\s*/\s*\d{1,2})?(?![\d.eE])"
+_NO_UNIT = re.compile("[!#,;='\"]")
 _POWER = re.compile(rf"\*\*\s*(?:{_NUMBER}|\(\s*{_NUMBER}\s*\))(?!\s*\*\*)")
 _POWER_OF_GROUP = re.compile(r"\)\s*\*\*")
 
@@ -110,8 +111,8 @@ def read_unit(text: str) -> pint.Unit:
         raise ValueError(f"{text[:40] + '...'!r} is not a unit: longer than {MAX_LENGTH} characters")
     if spelling.count("**") != len(_POWER.findall(spelling)) or len(_POWER_OF_GROUP.findall(spelling)) > 2:
         raise ValueError(f"{text!r} is not a unit: expected powers such as m^2 or m^0.97")
-    if "!" in spelling:  # pint takes it for a factorial, and `m!` for a metre
-        raise ValueError(f"{text!r} is not a unit: found !")
+    if sign := _NO_UNIT.search(spelling):  # pint takes `m!` and `m # x` for a metre, and `m, s` for their product
+        raise ValueError(f"{text!r} is not a unit: found {sign[0]}")
     try:
         return units().Unit(_HORSEPOWER.get(spelling, spelling))
     except Exception as error:  # pint's parser lets Python's tokenizer errors and its own assertions through

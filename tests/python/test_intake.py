@@ -22,7 +22,7 @@ from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.case.changes import OwnParameter, parse_parameter
 from terrapin_tools.workbench.case.columns import run_of_rows
-from terrapin_tools.workbench.case.intake import beyond
+from terrapin_tools.workbench.case.intake import again, beyond
 from terrapin_tools.workbench.files import csv_files
 
 
@@ -193,6 +193,24 @@ def on_bench(columns: dict[str, object], **more: str) -> Case:
     units = {"w": "rad/s", "M": "N m", **more}
     fit = {"a": (0.0, -9.0, 9.0, "N m"), "b": (1.0, -9.0, 9.0, "N m s/rad")}
     return Case.from_table(columns, run="run", units=units, equation={"M": "a + b*w"}, fit=fit)
+
+
+def test_a_run_that_comes_back_is_told() -> None:
+    """Two files that each begin with run 1 are merged, and say so; rows in no order of runs say nothing."""
+
+    def place(row: int) -> str:
+        return f"rows.csv:{row + 2}"
+
+    names = ("1", "2", "3")
+    whole, twice = np.repeat([0, 1, 2], 4), np.tile(np.repeat([0, 1], 4), 2)
+    assert again(whole, names, place) == []
+    assert again(twice, names[:2], place) == [
+        "Run 1 begins at rows.csv:2 and again at rows.csv:10, and so does 1 more: it is one run here. "
+        "If these are several measurements, call them otherwise."
+    ]
+    (one,) = again(np.array([0, 0, 1, 1, 0, 2]), names, place)
+    assert one.startswith("Run 1 begins at rows.csv:2 and again at rows.csv:6: it is one run")
+    assert again(np.arange(12) % 3, names, place) == []
 
 
 def test_a_run_that_was_copied_is_told() -> None:

@@ -159,6 +159,13 @@ def test_yes_and_no_are_no_numbers(value: bool) -> None:
         quantity(value, "m")
 
 
+@pytest.mark.parametrize("text", ["g # x", "m!", "g, m", "N;", "m = 1"])
+def test_what_a_parser_would_pass_over_is_no_unit(text: str) -> None:
+    """A mass of "90 g # x" was 90 g, and `g, m` a product."""
+    with pytest.raises(ValueError, match=r"is not a unit: found [#!,;=]$"):
+        read_unit(text)
+
+
 def test_a_unit_that_is_none_is_refused_with_a_reason() -> None:
     """In one line that is not as long as the text was; also where pint ends without a word."""
     with pytest.raises(ValueError, match=r"^'&/' is not a unit: \w+") as refused:

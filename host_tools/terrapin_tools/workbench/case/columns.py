@@ -23,6 +23,7 @@ from terrapin_tools.workbench.case.changes import MENDS
 from terrapin_tools.workbench.case.groups import Groups, group_columns, membership, read_groups
 from terrapin_tools.workbench.case.intake import (
     Mapped,
+    again,
     assumed,
     converted,
     copied,
@@ -134,6 +135,7 @@ def read_measurements(folder: Path, tables: Tables, base: Base, held: Mapping[st
     beside = {e.name: values[e.name] for e in mapped if not e.channel and formula_name(e.name) not in causes}
     beside |= {name: column[rows] for name, column in extra.items()}
     remarks += [*other, *unsigned(values, _told(mapped)), *copied(list(values.values()), run, run_names)]
+    remarks += again(run, run_names, Places(*places, kept))
     remarks += [*echoes(channels, beside), *ungrouped(kinds)]
     return Measurements(
         roles={e.name: values[e.name] for e in mapped if not e.channel},

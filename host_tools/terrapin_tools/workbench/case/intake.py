@@ -15,8 +15,8 @@ from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, in_si, spelling, turns
 
 __all__ = [
-    "BOTH_WAYS", "MARK", "Mapped", "assumed", "beyond", "converted", "copied", "echoes", "gaps", "guesses", "headings",
-    "ungrouped", "unsigned",
+    "BOTH_WAYS", "MARK", "Mapped", "again", "assumed", "beyond", "converted", "copied", "echoes", "gaps", "guesses",
+    "headings", "ungrouped", "unsigned",
 ]  # fmt: skip
 
 MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
@@ -153,6 +153,21 @@ def copied(columns: Sequence[Array], run: Index, names: Sequence[str]) -> list[s
     more = f", and {others} copies" if found[1:] else ""
     why = "their scatter is none, so the noise and every sd come out far too small, and a held-out copy tests nothing"
     return [f"{found[0]}{more}: leave copies of a measurement out; {why}."]
+
+
+def again(run: Index, names: Sequence[str], place: Callable[[int], str]) -> list[str]:
+    """Runs that come back after another one, as where each of two files begins with run 1: they are one run. Of a table
+    whose rows are in another order than its runs nothing is said."""
+    begins = np.flatnonzero(np.diff(run, prepend=-1))
+    if len(begins) > 2 * len(names):
+        return []
+    back = [name for i, name in enumerate(names) if (run[begins] == i).sum() > 1]
+    if not back:
+        return []
+    first, then = (place(int(row)) for row in begins[run[begins] == names.index(back[0])][:2])
+    more = f", and so do {len(back) - 1} more" if back[2:] else ", and so does 1 more" if back[1:] else ""
+    what = "If these are several measurements, call them otherwise."
+    return [f"Run {back[0]} begins at {first} and again at {then}{more}: it is one run here. {what}"]
 
 
 def echoes(channels: Mapping[str, Array], beside: Mapping[str, Array]) -> list[str]:
