@@ -26,8 +26,11 @@ from tests.campaigns.resumed import ROOT, Record
 __all__ = ["Threshold", "scaled", "table", "thresholds"]
 
 CHANGED = 0.05  # of a probability: less nobody acts upon
-ROOM = "terrapin_tools.workbench.discover"
-MODULES = ("decide", "unexplained", "misfit", "leftover", "discovery", "certainty")  # after search and evidence
+WORKBENCH = "terrapin_tools.workbench"
+MODULES = {  # after search and evidence, with their rooms
+    **dict.fromkeys(("decide", "unexplained", "misfit", "leftover", "discovery", "certainty"), "discover"),
+    "free_curves": "formulas",
+}
 PAGE = ROOT / "docs" / "thresholds.md"
 BEGIN, END = "<!-- thresholds (make sensitivity) -->", "<!-- end of thresholds -->"
 
@@ -44,7 +47,7 @@ class Threshold:
 
 def thresholds(module: str) -> Iterator[Threshold]:
     """Those of a module of the decision."""
-    loaded = import_module(f"{ROOM}.{module}")
+    loaded = import_module(f"{WORKBENCH}.{MODULES[module]}.{module}")
     lines = Path(str(loaded.__file__)).read_text().splitlines()
     means = ""
     for node in ast.parse("\n".join(lines)).body:
@@ -96,7 +99,7 @@ def scaled(value: Any, factor: float) -> Any:
 
 def put(one: Threshold, value: Any) -> None:
     """Every module that has the threshold under its name has the value."""
-    here = import_module(f"{ROOM}.{one.module}")
+    here = import_module(f"{WORKBENCH}.{MODULES[one.module]}.{one.module}")
     old = getattr(here, one.name)
     for name, module in list(sys.modules.items()):
         if name.startswith("terrapin_tools") and getattr(module, one.name, None) is old:

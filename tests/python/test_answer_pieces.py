@@ -34,6 +34,7 @@ from terrapin_tools.workbench.discover.leftover import Doubts, Left
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking
 from terrapin_tools.workbench.discover.resampled import Selected
+from terrapin_tools.workbench.formulas import free_curves
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.noise.covariance import Runs
@@ -56,6 +57,7 @@ class Ranked:
     name: str = "ranking"
     expressions: Any = None
     evidence: Any = None
+    curves: Any = None
 
 
 class Saying:
@@ -214,7 +216,7 @@ def test_the_curve_is_told_around_what_is_named(monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr(discovery, "curve", lambda analysis, evidence, column: (evidence, column))
     evidence = SimpleNamespace(nodes="nodes")
     analysis: Any = None
-    ranked: Any = Ranked(evidence=evidence)
+    ranked: Any = Ranked(evidence=evidence, curves={"x": "along the motion"})
     answer: Any = "answer"
     of = Decision("partial", 0.5, column="load")
     alone: Any = discovery._curve(analysis, ranked, of, None)
@@ -222,7 +224,9 @@ def test_the_curve_is_told_around_what_is_named(monkeypatch: pytest.MonkeyPatch)
     named: Any = discovery._curve(analysis, ranked, of, answer)
     assert named == (("around", "answer", "nodes"), "load")
     assert discovery._curve(analysis, ranked, replace(of, column=""), answer) is None
-    none: Any = Ranked()
+    moving: Any = discovery._curve(analysis, ranked, replace(of, column="x"), answer)
+    assert moving == "along the motion"
+    none: Any = Ranked(curves={})
     assert discovery._curve(analysis, none, of, answer) is None
 
 
@@ -234,11 +238,15 @@ def test_the_ladder_ends_with_the_answer(monkeypatch: pytest.MonkeyPatch) -> Non
     analysis: Any = SimpleNamespace(ladder=steps, case=SimpleNamespace(train="train", test="test"))
     noise: Any = SimpleNamespace(sigma=1.0)
 
+    monkeypatch.setattr(discovery, "curved", lambda fit: False)
+
     def told(top: Hypothesis | None) -> list[Any]:
         return [(one.added, one.train_error, one.heldout_error) for one in discovery._ladder(analysis, top, noise)]
 
     assert told(None) == told(replace(_answer("a b"), fit=None)) == [(None, 3.0, 3.5), ("x", 2.0, 2.5)]
     assert told(_answer("a b"))[2:] == [("a+b", 1.0, 1.5)]
+    monkeypatch.setattr(discovery, "curved", lambda fit: True)
+    assert told(_answer("a b", kind="part", column="x"))[2:] == [("a+b+a curve in x", 1.0, 1.5)]
 
 
 def test_a_formula_that_is_told_is_fitted_alone_too(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -275,7 +283,7 @@ def test_a_lag_is_allowed_for_where_it_is_twenty_times_as_likely_as_none() -> No
 def _restless(left: float, quiet: float, known: bool = False, dynamics: Any = True) -> dict[str, float]:
     """Of a channel whose rows scatter by `quiet` in what is measured, of which `left` is left."""
     fit: Any = SimpleNamespace(
-        model=SimpleNamespace(fitted=[], channels=("f", "g")), at_bound=(), jacobian=np.zeros((2, 4, 0)),
+        model=SimpleNamespace(fitted=[], effects=(), channels=("f", "g")), at_bound=(), jacobian=np.zeros((2, 4, 0)),
         residual=np.zeros((2, 4)),
     )  # fmt: skip
     case = SimpleNamespace(dynamics=dynamics if dynamics is True else None, run=None, channels={"f": 0.0, "g": quiet})
@@ -399,7 +407,7 @@ def _columns(roles: dict[str, Array], extra: dict[str, Array] | None = None) -> 
 
 def _every(roles: dict[str, Array], extra: dict[str, Array] | None = None) -> list[tuple[str, str, str]]:
     found = unexplained._every(_columns(roles, extra))
-    return [(type(one).__name__.strip("_"), one.column, one.by) for one in found]
+    return list(dict.fromkeys((type(one).__name__, one.column, one.by) for one in found))
 
 
 def test_a_curve_is_alone_times_the_direction_or_times_a_role() -> None:
@@ -422,6 +430,8 @@ def test_a_curve_is_alone_times_the_direction_or_times_a_role() -> None:
     assert {by for *_, by in _every({"omega": up, "load": 3.0 + up})} == {"", "omega", "load"}
     assert {by for *_, by in _every({"load": 10.0 + up, "omega": up})} == {"", "omega", "load"}
     assert {by for *_, by in _every({"load": 11.0 + up, "omega": up})} == {"", "omega"}
+    powers = [one.power for one in unexplained._every(_columns({"omega": up}))]
+    assert powers == [0.5, 2.0, 0.5, 2.0, 0.5]  # rough and smooth
     waves = {one.by: one for one in unexplained._every(_columns({"omega": both})) if one.column == "omega"}
     np.testing.assert_allclose(waves["omega"].factor, both / np.sqrt(np.mean(both**2)))
     np.testing.assert_allclose(waves["direction"].factor, np.sign(both))
@@ -455,7 +465,7 @@ def test_each_curve_has_its_share_of_what_is_not_known() -> None:
     evidence: Any = SimpleNamespace(channels=2)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(unexplained, "_every", lambda analysis: listed)
-        patch.setattr(unexplained, "_Bump", Bump)
+        patch.setattr(unexplained, "Bump", Bump)
 
         def weights(*more: Any, **bumps: Any) -> dict[str, float]:
             none: Any = None
@@ -498,7 +508,7 @@ def test_a_curve_beside_a_set_is_a_part_and_in_a_formulas_column_the_curve_itsel
     assert len(_beside(replace(alone, log_weight=-20.0), {"load": 3.0}, columns, 0.5)) == 1
 
 
-def _curves(hypotheses: Sequence[Hypothesis], missing: bool = True, whole_runs: bool = False, evidence: Any = "seen",
+def _curves(hypotheses: Sequence[Hypothesis], missing: bool = True, evidence: Any = "seen",
     beside: Collection[str] = ()) -> tuple[list[Any], list[tuple[str, str]]]:  # fmt: skip
     asked: list[tuple[str, str]] = []
 
@@ -511,7 +521,7 @@ def _curves(hypotheses: Sequence[Hypothesis], missing: bool = True, whole_runs: 
 
     ranked: Any = SimpleNamespace(hypotheses=tuple(hypotheses), evidence=evidence)
     analysis: Any = SimpleNamespace(
-        case=SimpleNamespace(base=SimpleNamespace(whole_runs=whole_runs)), missing=missing, rows=None,
+        missing=missing, rows=None,
         noise=SimpleNamespace(sigma=None),
     )  # fmt: skip
     with pytest.MonkeyPatch.context() as patch:
@@ -534,7 +544,6 @@ def test_curves_are_weighed_alone_and_beside_the_likeliest_sets() -> None:
     assert found == [unknown, ("part", "s0", "c1"), ("part", "s2", "c3"), ("part", "s7", "c8")]
     assert asked[3:] == [(f"s{i}", "c3") for i in range(3, 40)]
     assert _curves(sets, missing=False) == ([unknown], [])
-    assert _curves(sets, whole_runs=True) == ([], [])
     assert _curves(sets, evidence=None) == ([], [])
     assert _curves([_answer("s", left=ROUNDING * 0.9)]) == ([], [])  # computed, not measured
     assert _curves([_answer("s", left=None)])[0] == [unknown]
@@ -634,7 +643,7 @@ def _beyond(without: str, dynamics: Any = None, lower: float = -9.0) -> tuple[Ar
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ranker, "Evidence", lambda runs, residual, base, behind, nodes: made.append((residual, base)))
         patch.setattr(ranker, "following", lambda fit: np.array([False, True, True]))
-        Ranker.beyond(of, fit, without)
+        Ranker.beyond(of, fit, [without] if without else [])
     [(residual, base)] = made
     return 20.0 - 0.5 * residual[0], base[0]
 
@@ -1007,7 +1016,8 @@ def test_a_curve_has_the_size_that_its_evidence_says() -> None:
         analysis: Any = SimpleNamespace(rows=np.ones(60, dtype=bool), case=case, model=SimpleNamespace(channels=("f",)),
             noise=SimpleNamespace(sigma=np.array([2.0])))  # fmt: skip
         found = unexplained.curve(analysis, evidence, "u")
-        waves = unexplained._Waves("u", "", u, np.ones(60))
+        both = [free_curves.Waves("u", "", u, np.ones(60), power) for power in free_curves.ROUGH]
+        waves = max(both, key=lambda one: one.log_evidence(evidence))
         block, best = waves.block(0, 1), (-np.inf, 0.0)
         for prior in SIZES:
             covariance = np.eye(60) + prior**2 * block @ block.T
@@ -1173,13 +1183,17 @@ def test_curves_take_the_place_of_those_before(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(decide, "curves", curves)
     before = (_answer("a", 2.0), Hypothesis((), "unknown", 9.0, column="old"), _answer("a", 9.0, "part", "old"),
         Hypothesis((), "nothing", 0.0))  # fmt: skip
-    analysis: Any = None
-    found = decide.with_curves(analysis, Ranking(before, np.zeros(4), {}, {}, {}, {}))
+    base = SimpleNamespace(whole_runs=False)
+    analysis: Any = SimpleNamespace(case=SimpleNamespace(base=base))
+    ranking = Ranking(before, np.zeros(4), {}, {}, {}, {})
+    found = decide.with_curves(analysis, ranking)
     assert asked == [["catalogue", "nothing"]]
     assert [(h.kind, h.log_weight) for h in found.hypotheses] == [
         ("part", 3.0), ("catalogue", 2.0), ("unknown", 1.0), ("nothing", 0.0)
     ]  # fmt: skip
     np.testing.assert_allclose(found.posterior, np.exp([3.0, 2.0, 1.0, 0.0]) / np.exp([3.0, 2.0, 1.0, 0.0]).sum())
+    base.whole_runs = True  # the search itself weighed them
+    assert decide.with_curves(analysis, ranking) is ranking
 
 
 def test_an_alias_is_the_answer_to_the_last_digit(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -1249,7 +1263,7 @@ def test_a_candidate_is_of_a_kind(name: str, kind: str, told: str) -> None:
 def test_a_bump_stands_where_three_rows_are_at_least() -> None:
     """Its evidence is the mean over fifty places, where rows stand alone there is none; the likeliest is told."""
     values = np.concatenate([np.linspace(0.0, 1.0, 101), [2.0]])
-    bump = unexplained._Bump("q", "", values, np.ones(102))
+    bump = free_curves.Bump("q", "", values, np.ones(102))
     seen: list[Array] = []
 
     def single(columns: Array) -> Array:
@@ -1273,7 +1287,7 @@ def test_a_bump_stands_where_three_rows_are_at_least() -> None:
 
 def test_waves_are_weighed_in_each_channel() -> None:
     values = np.linspace(0.0, 1.0, 30)
-    waves = unexplained._Waves("q", "", values, np.ones(30))
+    waves = free_curves.Waves("q", "", values, np.ones(30))
     residual = np.stack([np.zeros(30), 9.0 * np.cos(np.pi * values)])
     evidence = Evidence(Runs(np.zeros(30, dtype=int), 2), residual, np.zeros((2, 30, 0)), STATED, [0])
     low, high = waves.log_evidence(evidence)

@@ -51,7 +51,11 @@ class Bench:
         self.flat: list[Any] = []
         self.shapes: dict[str, Any] = {}
         self.kinds: list[str] = []
+        self.said: list[str] = []
         vars(self).update(more)
+
+    def report(self, text: str) -> None:
+        self.said.append(text)
 
     def together_possible(self, names: Sequence[str]) -> bool:
         return self.impossible.isdisjoint(names)
@@ -65,8 +69,8 @@ class Bench:
     def log_prior(self, names: Collection[str]) -> float:
         return -2.0 * len(names)
 
-    def beyond(self, fit: Any, without: str = "") -> Any:
-        return SimpleNamespace(of=(fit.effects, without), nothing=-7.0)
+    def beyond(self, fit: Any, without: Collection[str] = ()) -> Any:
+        return SimpleNamespace(of=(fit.effects, " ".join(without)), nothing=-7.0)
 
     def expression(self, sketch: Sketch) -> str:
         return f"[{sketch.text}]"
@@ -1001,6 +1005,9 @@ def _body(
 
     monkeypatch.setattr(closure, "paying", stand)
     _near(ranker, *found)
+    assert [line.partition(",")[0] for line in ranker.said] == [  # what takes a while says where it is
+        f"what lies next to the best answers: {i + 1}" for i in range(len(nearby.asked))
+    ]
     return nearby.asked, asked
 
 

@@ -405,23 +405,23 @@ def test_columns_are_read_that_vary_those_of_the_model_first() -> None:
     case = SimpleNamespace(inputs=inputs, roles={"omega": None}, dynamics=None)
     rows = np.arange(5) > 0
     model: Any = SimpleNamespace(case=case)
-    values, own, lowest = expressions._read(model, np.zeros(1), rows)
+    values, own, lowest = expressions.readable(model, np.zeros(1), rows)
     assert (list(values), own, lowest) == (["omega", "time", "room"], {"omega"}, 0.3)
     assert values["omega"].tolist() == [1.0, 4.0, 9.0, 16.0]
     case.dynamics = object()
     motion = {"v": np.arange(4.0), "room": np.arange(4.0) + 7.0}
     model.bind = lambda given, mask: SimpleNamespace(motion=lambda theta: motion)
-    values, own, lowest = expressions._read(model, np.zeros(1), rows)
+    values, own, lowest = expressions.readable(model, np.zeros(1), rows)
     assert (list(values), own, lowest) == (["v", "room", "omega"], {"omega", "v", "room"}, 0.1)
     assert values["room"].tolist() == [7.0, 8.0, 9.0, 10.0]
     case.dynamics = None
     case.inputs = {f"c{i}": np.arange(5.0) + i for i in range(30)}
-    assert list(expressions._read(model, np.zeros(1), rows)[0]) == [f"c{i}" for i in range(24)]
+    assert list(expressions.readable(model, np.zeros(1), rows)[0]) == [f"c{i}" for i in range(24)]
     case.inputs = {
         "large": np.array([0.0, 1e9, 1e9, 1e9, 1e9 + 0.9]),
         "seen": np.array([0.0, 1e9, 1e9, 1e9, 1e9 + 1.1]),
     }
-    assert list(expressions._read(model, np.zeros(1), rows)[0]) == ["seen"]
+    assert list(expressions.readable(model, np.zeros(1), rows)[0]) == ["seen"]
 
 
 @pytest.mark.parametrize(("unit", "step"), [("rad", 0.1), ("turn", 0.1), ("mm", 0.1)])
@@ -489,7 +489,7 @@ def test_the_library_of_a_case_is_drawn_for_each_target(monkeypatch: pytest.Monk
 
     many = [1]
     patches: dict[str, Any] = {
-        "_Drawn": Drawn, "_read": lambda *_: ({"oil": OIL, "omega": OIL}, {"omega"}, 0.3),
+        "_Drawn": Drawn, "readable": lambda *_: ({"oil": OIL, "omega": OIL}, {"omega"}, 0.3),
         "targets": lambda case: [("y", 1.0), ("gone", 0.5), ("r", 0.25), ("free", 0.1)],
         "acting": lambda model, theta, target, rows, sigma: f"act on {target}",
         "orthonormal": lambda base: f"q of {base}",

@@ -14,8 +14,11 @@ from terrapin_tools.workbench.discover import discovery, expression_answers, ran
 from terrapin_tools.workbench.discover.discovery import discover
 from terrapin_tools.workbench.discover.leftover import Doubts, doubts
 from terrapin_tools.workbench.discover.ranker import Ranker
+from terrapin_tools.workbench.formulas.expressions import Sketch
+from terrapin_tools.workbench.formulas.vocabulary import Scale
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.model import Bound
+from terrapin_tools.workbench.story.sentences import unsure
 from terrapin_tools.workbench.story.told import found_by
 from tests.python.test_ode import CUBIC, TEXT, spring
 
@@ -48,6 +51,22 @@ pull = { column = "pull", unit = "N", sigma = 0.5 }
         found = analyse(load_case(tmp_path))
         said = doubts(found, found.fit)
         assert (said.at_bound, dict(said.restless)) == (pulled, {})
+
+
+def test_a_law_that_is_sharper_than_any_that_was_looked_at_is_not_sure(tmp_path: Path) -> None:
+    """The scale of a friction stood at its bound, and that nothing else was missing had 0.99."""
+    for narrowest, sharp in ((0.3, True), (0.01, False)):
+        case = load_case(spring(tmp_path / str(narrowest), more="2*tanh(v/0.1)"))
+        weighing = Ranker(analyse(case), lambda _: None)
+        scale = Scale(1.0, narrowest, 3.0, "m/s")
+        name = weighing.expression(Sketch("k*tanh(v/w)", "derivative.v", "v", {"w": scale}, 0.01))
+        fit = weighing.weighed((name,)).fit
+        assert fit is not None
+        said = doubts(weighing.analysis, fit)
+        assert said.at_bound == ((f"{name}.w",) if sharp else ())
+        assert bool(said) == sharp
+        (line,) = unsure(said.at_bound, {}, {name: "k*tanh(v/w) in derivative.v"}) or ("",)
+        assert line.startswith("w of k*tanh(v/w) in derivative.v stands at the end") == sharp
 
 
 @pytest.mark.parametrize(

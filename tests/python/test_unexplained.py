@@ -14,7 +14,8 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.case.case import load_case
 from terrapin_tools.workbench.discover.decide import _worth
 from terrapin_tools.workbench.discover.discovery import LEVEL, Discovery, Weighed, decided, discover, weighed
-from terrapin_tools.workbench.discover.unexplained import bridged, curves
+from terrapin_tools.workbench.discover.unexplained import curves
+from terrapin_tools.workbench.formulas.free_curves import bridged
 from terrapin_tools.workbench.story.answer import answer, read
 from terrapin_tools.workbench.story.effect_picture import as_svg
 from terrapin_tools.workbench.story.terminal import tell

@@ -33,6 +33,8 @@ from terrapin_tools.workbench.discover.misfit import explained, front, part_of
 from terrapin_tools.workbench.discover.ranker import Hypothesis, Ranker
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking
 from terrapin_tools.workbench.discover.resampled import Sums
+from terrapin_tools.workbench.formulas import free_curves
+from terrapin_tools.workbench.formulas.expressions import FOUND
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.linearised import Linear
 from terrapin_tools.workbench.model.table_faults import Fault
@@ -329,6 +331,7 @@ def test_a_part_takes_its_share_of_what_is_above_the_noise(monkeypatch: pytest.M
         np.stack([np.full(400, 1.0), np.where(u > 0.8, 6.0, 0.0)]),
     )
     monkeypatch.setattr(misfit, "_left", lambda analysis, fit: fit)
+    monkeypatch.setattr(misfit, "curved", lambda fit: fit is before)
     q = np.random.default_rng(3).permutation(u)
     case = SimpleNamespace(roles={"u": u}, extra={"q": q})
     rows = np.ones(400, dtype=bool)
@@ -342,7 +345,10 @@ def test_a_part_takes_its_share_of_what_is_above_the_noise(monkeypatch: pytest.M
     assert (found.at.variable, found.at.channel, found.at.mean_residual) == ("u", "g", pytest.approx(3.0))
     assert found.at.low == pytest.approx(0.8, abs=0.01)
     assert part_of(analysis, after, "q", np.array([1.0, 2.0])).at.variable == "q"  # type: ignore[arg-type]
+    assert part_of(analysis, after, "x", np.array([1.0, 2.0])).at.variable == "u"  # type: ignore[arg-type]  # a state
+    assert not found.together
     assert part_of(analysis, before, "q", np.array([1.0, 2.0])).takes == 0.0  # type: ignore[arg-type]
+    assert part_of(analysis, before, "q", np.array([1.0, 2.0])).together  # type: ignore[arg-type]
 
 
 def test_what_a_column_explains_is_adjusted_for_chance() -> None:
@@ -390,16 +396,17 @@ def test_settings_that_are_repeated_have_their_misfit_in_common(rho: float) -> N
 
 
 def test_doubts_are_of_parameters_that_the_data_pull_beyond_their_bounds() -> None:
-    """By three sd of what is left, after what the free ones take; not of an effect's."""
+    """By three sd of what is left, after what the free ones take; not of a catalogued effect's."""
     random = np.random.default_rng(6)
     free, held = random.standard_normal((2, 1, 60))
     left = 0.5 * random.standard_normal((1, 60))
 
     def found(size: float, key: str = "k", effect: str | None = None) -> tuple[str, ...]:
         fitted = [SimpleNamespace(key="m", effect=None), SimpleNamespace(key=key, effect=effect)]
+        made = SimpleNamespace(name="made", source=FOUND)
         fit: Any = SimpleNamespace(
-            model=SimpleNamespace(fitted=fitted), at_bound=("k",), jacobian=np.stack([free, held], axis=-1),
-            residual=left + size * held,
+            model=SimpleNamespace(fitted=fitted, effects=(made,)), at_bound=("k",), residual=left + size * held,
+            jacobian=np.stack([free, held], axis=-1),
         )  # fmt: skip
         analysis: Any = SimpleNamespace(case=SimpleNamespace(dynamics=None))
         said = leftover.doubts(analysis, fit)
@@ -418,6 +425,7 @@ def test_doubts_are_of_parameters_that_the_data_pull_beyond_their_bounds() -> No
     assert found(least) == ("k",)
     assert found(least - 0.006) == ()
     assert found(5.0, effect="drag") == ()
+    assert found(5.0, effect="made") == ("k",)  # a formula that was found has scales that nobody measured
     assert found(5.0, key="other") == ()
     assert not Doubts()
     assert Doubts(restless={"f": 3.0})
@@ -644,6 +652,7 @@ def test_the_column_of_the_likeliest_answers_comes_first(monkeypatch: pytest.Mon
     assert told(top) == ["q", "u", "v"]
     assert made == [([0.0, 2.0, 4.0], [[0.5] * 3, [0.25] * 3], 1, 4.0)]
     assert told(top, "v") == ["v", "u"]
+    assert told(top, "a state") == ["q", "u", "v"]
     analysis.where = []
     assert told(top, "v") == []
 
@@ -652,18 +661,18 @@ def test_a_bump_or_waves_of_a_column_are_of_unit_size() -> None:
     """Cosines over its range, slow ones larger, beside a constant; bumps as wide as their distance."""
     values = np.linspace(-3.0, 5.0, 801)
     one = np.ones(801)
-    waves = unexplained._Waves("q", "", values, one)
+    waves = free_curves.Waves("q", "", values, one)
     place = (values + 3.0) / 8.0
     expected = [one, *(np.sqrt(2.0 / k) * np.cos(np.pi * k * place) for k in range(1, 9))]
     np.testing.assert_allclose(waves.at(values).T, expected, atol=1e-12)
-    bumps = unexplained._Bump("q", "", values, one)
+    bumps = free_curves.Bump("q", "", values, one)
     found = bumps.at(values)
     assert found.shape == (801, 50)
     np.testing.assert_allclose(np.sqrt((found**2).mean(axis=0)), 1.0)
     assert place[np.argmax(found[:, 7])] == pytest.approx(7.5 / 50.0, abs=1e-3)
     high = found[:, 7] > np.exp(-0.5) * found[:, 7].max()
     assert np.ptp(place[high]) == pytest.approx(2.0 / 50.0, abs=3e-3)
-    block = unexplained._Waves("q", "load", values, 2.0 * one).block(1, 3).reshape(3, 801, 9)
+    block = free_curves.Waves("q", "load", values, 2.0 * one).block(1, 3).reshape(3, 801, 9)
     assert not block[[0, 2]].any()
     np.testing.assert_allclose(block[1], 2.0 * waves.at(values))
 
@@ -888,4 +897,5 @@ def test_a_curve_of_a_column_is_told_with_its_size_and_sd() -> None:
     expected = 0.5 * 3.0 * np.cos(2.0 * np.pi * np.array(found.x) / 4.0)
     gap, sd = np.array(found.y) - expected, np.array(found.sd)
     assert np.sqrt(np.mean((gap / sd) ** 2)) < 2.0
-    assert 0.5 * np.sqrt(7.0 / 240.0) < np.median(sd) < 0.5 * np.sqrt(14.0 / 240.0)
+    # of a smooth curve, of which few of the waves are open: more than of one, less than of all
+    assert 0.5 * np.sqrt(1.0 / 240.0) < np.median(sd) < 0.5 * np.sqrt(7.0 / 240.0)

@@ -69,6 +69,8 @@ def neighbours(ranker: Ranker, found: Sequence[Hypothesis]) -> list[Hypothesis]:
                 continue
             curves.append(here)
         looked_at.add(frozenset(centre.effects))
+        if ranker.case.base.whole_runs:  # where each refit takes a while
+            ranker.report(f"what lies next to the best answers: {len(looked_at)}, after {len(new)} refits")
         kept = (
             [n for n in centre.effects if n not in beside][: BESIDE - len(beside)]
             if _of_formulas(ranker, centre)
@@ -126,7 +128,7 @@ def _next_to(ranker: Ranker, centre: Hypothesis) -> list[tuple[str, ...]]:
     for member in centre.effects:
         rest = tuple(n for n in centre.effects if n != member)
         wrong = member in ranker.faults
-        beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, member)
+        beyond = ranker.beyond(ranker.fit(rest)) if wrong else ranker.beyond(centre.fit, [member])
         promised = centre.log_weight - ranker.log_prior(centre.effects)
         found += [(*rest, n) for n in _likely(ranker, beyond, centre, ANYWAY, promised)]
         found += [(*rest, n) for n in _bent_alike(ranker, member) if n not in centre.effects]

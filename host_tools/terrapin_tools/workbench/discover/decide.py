@@ -17,6 +17,7 @@ from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.compare.comparison import Analysis, error, noise_around
 from terrapin_tools.workbench.compare.noise_findings import far_above_stated
 from terrapin_tools.workbench.discover.certainty import calibrated
+from terrapin_tools.workbench.discover.curves_over_time import curved
 from terrapin_tools.workbench.discover.leftover import SAME, absent, left, noise_left
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import ONE, Blamed, Ranking
@@ -46,7 +47,8 @@ STRANGE, GROWING = 0.3, 0.8
 
 @dataclass(frozen=True)
 class Class:
-    """Sets that predict the same, likeliest first, with their probabilities; `parts`: those beside a curve."""
+    """Sets that predict the same, likeliest first, with their probabilities; `parts`: those beside a curve. There may
+    be none but these, for what stands beside a curve may show only with it."""
 
     members: tuple[tuple[Hypothesis, float], ...]
     parts: tuple[tuple[Hypothesis, float], ...] = ()
@@ -65,8 +67,9 @@ class Class:
         """What it may be called, likeliest first, with shares of its mass: none with a term more than another member,
         for it changes nothing; of the others those that say no more than the likeliest and are not far less likely, but
         for a size that is unusual; formulas only where no catalogued set is among them, or none of a usual size."""
-        sets = [set(h.effects) for h, _ in self.members]
-        short = [one for one in self.members if not any(other < set(one[0].effects) for other in sets)]
+        own = self.members or self.parts
+        sets = [set(h.effects) for h, _ in own]
+        short = [one for one in own if not any(other < set(one[0].effects) for other in sets)]
         first, best = short[0]
         least = [BEHIND * best * np.exp(-max(h.taxed - first.taxed, 0.0)) for h, _ in short]
         likely = [m for m, p in zip(short, least, strict=True) if m[1] >= p and m[0].parameters <= first.parameters]
@@ -138,10 +141,10 @@ def classes(analysis: Analysis, ranking: Ranking) -> list[Class]:
     pairs = [(h, p) for h, p in ranking.pairs() if h.effects and h.effects in looked_at]
     sets = [(h, p) for h, p in pairs if h.fit is not None and not absent(h.fit, h.effects)]
     whole = [one for one in sets if one[0].kind != "part"]
-    if not whole:
-        return []
-    apart, found = _Apart(analysis, ranking, whole[0][0]), list[list[tuple[Hypothesis, float]]]()
+    found = list[list[tuple[Hypothesis, float]]]()
+    apart = _Apart(analysis, ranking, whole[0][0]) if whole else None
     for one, p in whole:
+        assert apart is not None
         likely, own = p >= SMALL * whole[0][1], set(one.effects)
         near = [members for members in found if likely or own < set(members[0][0].effects)]
         same = next((members for members in near if apart.alike(members[0][0], one)), None)
@@ -150,6 +153,8 @@ def classes(analysis: Analysis, ranking: Ranking) -> list[Class]:
         same.append((one, p))
     beside = [one for one in sets if one[0].kind == "part"]
     each = [({h.effects for h, _ in members}, members) for members in found]
+    known = {effects for own, _ in each for effects in own}
+    each += [({effects}, []) for effects in dict.fromkeys(h.effects for h, _ in beside) if effects not in known]
     return sorted(
         (Class(tuple(members), tuple(one for one in beside if one[0].effects in own)) for own, members in each),
         key=lambda c: -c.mass,
@@ -158,7 +163,9 @@ def classes(analysis: Analysis, ranking: Ranking) -> list[Class]:
 
 def with_curves(analysis: Analysis, ranking: Ranking) -> Ranking:
     """The ranking with curves that have no formula, alone and beside the likeliest sets; in the place of those that it
-    has already."""
+    has already. Those of equations over time are weighed in the search, along the motion of its answers."""
+    if analysis.case.base.whole_runs:
+        return ranking
     without = tuple(h for h in ranking.hypotheses if h.kind not in ("unknown", "part"))
     found = [*without, *curves(analysis, replace(ranking, hypotheses=without))]
     logs = np.array([h.log_weight for h in found])
@@ -220,7 +227,10 @@ def _as_found(analysis: Analysis, answer: Fit) -> Analysis:
 def _worth(analysis: Analysis, ranking: Ranking, top: Hypothesis) -> Hypothesis:
     """The catalogued set with the fewest parameters that takes as much of the misfit but for TENTH: a part of a
     catalogued one, any in the place of formulas. Beside a curve that is left, a further effect that brings less, or a
-    formula in the place of a law, may be a piece of that curve. A formula that nothing known comes near to stays."""
+    formula in the place of a law, may be a piece of that curve. A formula that nothing known comes near to stays;
+    so does what was fitted with the curve."""
+    if top.fit is not None and curved(top.fit):
+        return top
     formulas = any(name in ranking.expressions for name in top.effects)
     before = error(analysis.fit, analysis.rows, analysis.noise.sigma) or 1.0
 

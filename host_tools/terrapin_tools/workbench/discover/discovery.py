@@ -30,6 +30,7 @@ from terrapin_tools.workbench.compare.comparison import (
     sds,
 )
 from terrapin_tools.workbench.discover.certainty import Operating, calibrated, operating_characteristic
+from terrapin_tools.workbench.discover.curves_over_time import curved
 from terrapin_tools.workbench.discover.decide import (
     Class,
     Decision,
@@ -46,8 +47,9 @@ from terrapin_tools.workbench.discover.misfit import Part, Step, front, importan
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Blamed, Ranking, rank
 from terrapin_tools.workbench.discover.resampled import Selected, selection
-from terrapin_tools.workbench.discover.unexplained import Curve, curve
+from terrapin_tools.workbench.discover.unexplained import curve
 from terrapin_tools.workbench.experiment.proposal import Experiment, propose
+from terrapin_tools.workbench.formulas.free_curves import Curve
 from terrapin_tools.workbench.model.constants import named
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.fitting import Fit, extend
@@ -153,7 +155,8 @@ def weighed(case: Case, seed: int, level: float, report: Callable[[str], None] =
     ranking = with_curves(analysis, rank(analysis, report))
     first = analysis, ranking
     for _ in range(LOOKS):
-        likeliest = next((h for h in ranking.hypotheses if h.effects and h.fit is not None), None)
+        whole = (h for h in ranking.hypotheses if h.effects and h.fit is not None and h.kind != "part")
+        likeliest = next(whole, None)  # a curve beside a set is no part of its fit
         if not analysis.missing or likeliest is None or likeliest.fit is None:
             break
         alone = stand_alone(analysis, likeliest.fit)
@@ -301,6 +304,8 @@ def _part(analysis: Analysis, said: Decision, answer: Fit | None, noise: Noise) 
 
 def _curve(analysis: Analysis, ranking: Ranking, said: Decision, answer: Fit | None) -> Curve | None:
     """The curve that has no formula, around what is named."""
+    if said.column in ranking.curves:
+        return ranking.curves[said.column]
     if not said.column or ranking.evidence is None:
         return None
     evidence = ranking.evidence if answer is None else around(analysis, answer, ranking.evidence.nodes)
@@ -311,8 +316,9 @@ def _where(analysis: Analysis, ranking: Ranking, top: Hypothesis | None, column:
     """What compare says; first comes `column`, or that on which the likeliest answers depend most, if there is one."""
     where = analysis.where
     shares = importance(analysis, ranking) if top is not None and where else {}
-    shares |= {column: np.inf} if column and where else {}
     listed = [f.variable for f in where]
+    if where and column in (*listed, *numeric_columns(analysis.case)):  # which a state of own equations is not
+        shares |= {column: np.inf}
     ordered = sorted(shares, key=lambda name: (-round(shares[name], 3), listed.index(name) if name in listed else LAST))
     if not ordered or ordered[0] == listed[0]:
         return tuple(where)
@@ -333,7 +339,8 @@ def _ladder(analysis: Analysis, top: Hypothesis | None, noise: Noise) -> tuple[R
     rungs = [rung(analysis, one.added, one.fit, noise) for one in analysis.ladder]
     if top is None or top.fit is None:
         return tuple(rungs)
-    return (*rungs, rung(analysis, "+".join(top.effects), top.fit, noise))
+    beside = [f"a curve in {top.column}"] if curved(top.fit) else []
+    return (*rungs, rung(analysis, "+".join([*top.effects, *beside]), top.fit, noise))
 
 
 def rung(analysis: Analysis, name: str | None, fit: Fit, noise: Noise) -> Rung:

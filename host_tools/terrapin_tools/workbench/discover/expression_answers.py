@@ -88,7 +88,7 @@ def _instead(ranker: Ranker, best: Hypothesis, tried: set[tuple[str, str]]) -> l
     and with it the terms along it; around the present fit it is not.
     """
     assert best.fit is not None
-    return _along(ranker, best.fit, ranker.beyond(best.fit, best.effects[0]), tried)
+    return _along(ranker, best.fit, ranker.beyond(best.fit, best.effects[:1]), tried)
 
 
 def _as_stated(ranker: Ranker, tried: set[tuple[str, str]]) -> list[Sketch]:

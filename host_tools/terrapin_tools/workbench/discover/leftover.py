@@ -17,6 +17,7 @@ from terrapin_hil.arrays import Array, Mask
 from terrapin_hil.physics.signals import row_scatter
 from terrapin_tools.workbench.compare.bayes_factor import BayesFactor, blocks_of
 from terrapin_tools.workbench.compare.comparison import Analysis, error, free_slopes, measured, predict, sds
+from terrapin_tools.workbench.formulas.expressions import FOUND
 from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes, numeric_columns
 from terrapin_tools.workbench.model.effect_columns import shapes_of_each, terms_of
@@ -71,8 +72,8 @@ class Left:
 
 @dataclass(frozen=True)
 class Doubts:
-    """Why an answer is not sure: parameters of the model that stand at a bound beyond which the data pull them, and
-    channels in which so many times the scatter from row to row is left."""
+    """Why an answer is not sure: parameters that stand at a bound beyond which the data pull them, and channels in
+    which so many times the scatter from row to row is left."""
 
     at_bound: tuple[str, ...] = ()
     restless: Mapping[str, float] = field(default_factory=dict)
@@ -126,10 +127,12 @@ def stand_alone(analysis: Analysis, fit: Fit) -> Mask:
 
 
 def doubts(analysis: Analysis, fit: Fit) -> Doubts:
-    """What speaks against a fit, although no better one is known: parameters of the model that the data pull beyond
-    their bounds; of equations over time what its rows do not scatter, of a channel whose sd is not stated."""
+    """What speaks against a fit, although no better one is known: parameters of the model, or scales of a formula that
+    was found, that the data pull beyond their bounds; of equations over time what its rows do not scatter, of a channel
+    whose sd is not stated."""
     case = analysis.case
-    own = [f.key for f in fit.model.fitted if f.effect is None and f.key in fit.at_bound]
+    asked = {None, *(effect.name for effect in fit.model.effects if effect.source == FOUND)}
+    own = [f.key for f in fit.model.fitted if f.effect in asked and f.key in fit.at_bound]
     slopes = fit.jacobian.reshape(fit.residual.size, -1)
     free = orthonormal(slopes[:, [f.key not in fit.at_bound for f in fit.model.fitted]])
     residual = fit.residual.reshape(-1)

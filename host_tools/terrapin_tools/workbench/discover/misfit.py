@@ -18,6 +18,7 @@ import numpy.typing as npt
 from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.compare.adequacy import Failure, failure_on
 from terrapin_tools.workbench.compare.comparison import Analysis, error, measured, predict
+from terrapin_tools.workbench.discover.curves_over_time import curved
 from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
@@ -119,11 +120,12 @@ def explained(change: Array, values: Array) -> float:
 @dataclass(frozen=True)
 class Part:
     """What is named takes the share `takes` of the misfit, and leaves `left` (rms over all rows, noise sd), most of it
-    `at` a range of a column."""
+    `at` a range of a column; both with the curve that is left, where it is in the fit."""
 
     takes: float
     left: float
     at: Failure
+    together: bool
 
 
 @dataclass(frozen=True)
@@ -144,9 +146,10 @@ def part_of(analysis: Analysis, fit: Fit, column: str, sigma: Array) -> Part:
     channel = int(np.argmax(after.mean(axis=1)))
     scaled = _left(analysis, fit) / sigma[:, None]
     columns = {name: values[analysis.rows] for name, values in numeric_columns(analysis.case).items()}
-    most = column or max(columns, key=lambda name: explained(scaled[channel], columns[name]))
+    # a state of own equations is no column
+    most = column if column in columns else max(columns, key=lambda name: explained(scaled[channel], columns[name]))
     at = failure_on(analysis.case, most, columns[most], scaled, channel, analysis.rows, analysis.model.channels, 0.0)
-    return Part(float(np.clip(takes, 0.0, 1.0)), float(np.sqrt(after.mean())), at)
+    return Part(float(np.clip(takes, 0.0, 1.0)), float(np.sqrt(after.mean())), at, curved(fit))
 
 
 def _left(analysis: Analysis, fit: Fit) -> Array:

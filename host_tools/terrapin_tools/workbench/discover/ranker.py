@@ -315,20 +315,20 @@ class Ranker:
             return False
         return True
 
-    def beyond(self, fit: Fit, without: str = "") -> Evidence:
+    def beyond(self, fit: Fit, without: Collection[str] = ()) -> Evidence:
         """Evidence around a fit with all of its parameters free: what could still be added to it, or stand in the place
-        of the effect `without`, whose contribution the residual then holds."""
+        of the effects `without`, whose contributions the residual then holds."""
         bound = fit.model.bind(self.case.inputs, self.rows)
         prediction, slopes = bound.jacobian(fit.theta)
-        free = np.array([f.effect != without for f in fit.model.fitted], dtype=bool)
+        free = np.array([f.effect not in without for f in fit.model.fitted], dtype=bool)
         # beside another effect, a parameter of the user's own equations may leave the bound that this one drove it to
         free &= following(fit) | bool(without and self.case.dynamics is not None)
         if without:
-            at = next(i for i, f in enumerate(fit.model.fitted) if f.effect == without)
+            at = [next(i for i, f in enumerate(fit.model.fitted) if f.effect == name) for name in without]
             absent = fit.theta.copy()
             absent[at] = np.clip(0.0, fit.model.lower[at], fit.model.upper[at])
             if self.case.dynamics is not None:  # without it the motion is another one, along which no term is right
-                prediction = prediction - slopes[..., at] * (fit.theta[at] - absent[at])
+                prediction = prediction - slopes[..., at] @ (fit.theta[at] - absent[at])
             else:
                 prediction = bound.predict(absent)
         residual = (self.values - prediction) / self.sigma[:, None]

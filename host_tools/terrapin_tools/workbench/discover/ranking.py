@@ -16,10 +16,12 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics.effects import Effect
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.discover.closure import neighbours
+from terrapin_tools.workbench.discover.curves_over_time import curves_over_time
 from terrapin_tools.workbench.discover.expression_answers import expression_pairs, expressions, paying
 from terrapin_tools.workbench.discover.ranker import WITHIN, Found, Hypothesis, Ranker
 from terrapin_tools.workbench.discover.suspect_answers import beside_constants, table_answers
 from terrapin_tools.workbench.formulas.expressions import read_by
+from terrapin_tools.workbench.formulas.free_curves import Curve
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.priors import MISHAP, SIZE_OF_SET
@@ -60,6 +62,7 @@ class Ranking:
     columns: Mapping[str, str]  # of each expression, the column whose shape it is
     shapes: tuple[Shape, ...] = field(repr=False, default=())
     evidence: Evidence | None = field(repr=False, default=None)
+    curves: Mapping[str, Curve] = field(repr=False, default_factory=dict)  # of own equations, by column
     found: Found = field(repr=False, default_factory=dict)  # where a search on hardly other rows starts
 
     def pairs(self) -> list[tuple[Hypothesis, float]]:
@@ -137,6 +140,8 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, bef
         unlike.setdefault(frozenset(h.effects) if h.effects else frozenset([h.kind, h.column]), h)
     kept = paying(ranker, list(unlike.values()))
     ranked = [_largest_first(h) for h in _merged(ranker, kept)]
+    curved, curves = curves_over_time(ranker, ranked)
+    ranked = sorted([*ranked, *curved], key=lambda h: -h.log_weight)
     logs = np.array([h.log_weight for h in ranked])
     shown = list(dict.fromkeys(n for h in ranked[:SHOWN] for n in h.effects if n in ranker.sketches))
     lone = [ranker.weighed((name,)) for name in shown]
@@ -150,6 +155,7 @@ def rank(analysis: Analysis, report: Callable[[str], None] = lambda _: None, bef
         columns={name: sketch.column for name, sketch in sketches.items()},
         shapes=tuple(ranker.flat),
         evidence=ranker.evidence,
+        curves=curves,
         found=ranker.found(),
     )
 

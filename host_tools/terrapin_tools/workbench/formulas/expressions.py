@@ -25,7 +25,7 @@ from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.noise.covariance import orthonormal
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
-__all__ = ["FOUND", "SCALE_COST", "Library", "Sketch", "as_effect", "library", "read_by"]
+__all__ = ["FOUND", "SCALE_COST", "Library", "Sketch", "as_effect", "library", "read_by", "readable"]
 
 Array = npt.NDArray[np.float64]
 Mask = npt.NDArray[np.bool_]
@@ -115,7 +115,7 @@ def library(
     left : (channels, rows), what the model leaves, in noise sd, in which waves are looked for; None: they are not.
     """
     case = model.case
-    values, own, lowest = _read(model, theta, rows)
+    values, own, lowest = readable(model, theta, rows)
     units = {name: case.units.get(name) or _role_unit(name) for name in values}
     free = case.base.own_names and case.dynamics is None
     terms = {name: shapes(name, v, units[name], case.inputs, lowest, free) for name, v in values.items()}
@@ -130,7 +130,7 @@ def library(
     return drawn.kept(orthonormal(base), known, none if zeros is None else zeros, misfit)
 
 
-def _read(model: Model, theta: Array, rows: Mask) -> tuple[dict[str, Array], set[str], float]:
+def readable(model: Model, theta: Array, rows: Mask) -> tuple[dict[str, Array], set[str], float]:
     """Columns that formulas may read, roles first; the names that the model knows; and the lowest threshold."""
     case = model.case
     inputs = {name: values[rows] for name, values in case.inputs.items()}

@@ -15,9 +15,9 @@ from terrapin_tools.workbench.discover.decide import Weight
 from terrapin_tools.workbench.discover.misfit import Step
 from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
-from terrapin_tools.workbench.discover.unexplained import Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
 from terrapin_tools.workbench.files.json_text import finite
+from terrapin_tools.workbench.formulas.free_curves import Curve
 from terrapin_tools.workbench.story.story import Findings, Goal, NoiseTold, Part, Place, Proposal, Rung, Story, Value
 
 __all__ = ["SCHEMA", "answer", "keep", "places", "proposal", "read", "recall"]
@@ -94,7 +94,8 @@ def _of_runs(found: Findings) -> dict[str, Any]:
 
 
 def _rest(one: Part) -> dict[str, Any]:
-    return {"takes": one.takes, "left": one.left, "where": places([one.at])[0]}
+    beside = {"together": True} if one.together else {}
+    return {"takes": one.takes, "left": one.left, "where": places([one.at])[0], **beside}
 
 
 def _tied(one: Together) -> dict[str, Any]:
@@ -181,7 +182,7 @@ def _place(kept: Mapping[str, Any], along: bool = False) -> Place:
 
 
 def _kept_part(kept: Mapping[str, Any] | None) -> Part | None:
-    return Part(kept["takes"], kept["left"], _place(kept["where"])) if kept else None
+    return Part(kept["takes"], kept["left"], _place(kept["where"]), kept.get("together", False)) if kept else None
 
 
 def _noise(kept: Mapping[str, Any]) -> NoiseTold:

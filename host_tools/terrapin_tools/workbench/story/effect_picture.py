@@ -14,7 +14,7 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import ROLES, formula_name
-from terrapin_tools.workbench.discover.unexplained import Curve
+from terrapin_tools.workbench.formulas.free_curves import Curve
 
 __all__ = ["Shape", "as_svg", "as_text", "draw", "shape_of", "unnamed"]
 

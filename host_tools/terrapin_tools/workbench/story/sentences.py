@@ -16,9 +16,9 @@ from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
 from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
-from terrapin_tools.workbench.discover.unexplained import DIRECTION, Curve
 from terrapin_tools.workbench.experiment.hidden_period import HiddenPeriod
 from terrapin_tools.workbench.experiment.proposal import Experiment
+from terrapin_tools.workbench.formulas.free_curves import DIRECTION, Curve
 from terrapin_tools.workbench.story.story import Findings, Goal, Next, NoiseTold, Part, Place, Proposal, Rung, Value
 
 __all__ = [
@@ -296,6 +296,9 @@ def _lacking(found: Findings, sure: str, missing: str) -> str:
 
 def _partial(found: Findings, part: Part, missing: str, units: Mapping[str, str]) -> str:
     """What is named, how much of the misfit that is, and what is left where."""
+    if found.unknown and part.together:
+        lacks = _curve(found.unknown, found.probability, f"the model lacks {missing}, and")
+        return f"{lacks} Together they take {percent(part.takes)} of the misfit and leave {in_sd(part.left)} noise sd."
     if found.unknown:
         more = _curve(found.unknown, found.probability, "beside it the model")
     else:
@@ -312,8 +315,8 @@ def _partial(found: Findings, part: Part, missing: str, units: Mapping[str, str]
         )
     at = f"{part.at.variable} {span(part.at.low, part.at.high)}{behind(units.get(part.at.variable, ''))}"
     return (
-        f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; {in_sd(part.left)} noise sd are left in all, "
-        f"largest at {at}. {more}"
+        f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; "
+        f"{in_sd(part.left)} noise sd are left in all, largest at {at}. {more}"
     )
 
 
@@ -402,13 +405,24 @@ def doubt(likeliest: Sequence[str], column: str, blind: bool) -> tuple[str, ...]
     )
 
 
-def unsure(at_bound: Sequence[str], restless: Mapping[str, float]) -> tuple[str, ...]:
-    """Why an answer is not sure: parameters `at_bound` that the data pull beyond; `restless` has the channels with how
-    many times the scatter from row to row they keep."""
-    found = [
-        f"{name} stands at its bound and would go beyond: widen it in [fit] if it may, else the equations lack more."
-        for name in at_bound
-    ]
+def unsure(
+    at_bound: Sequence[str], restless: Mapping[str, float], formulas: Mapping[str, str] | None = None
+) -> tuple[str, ...]:
+    """Why an answer is not sure: parameters `at_bound` that the data pull beyond, those of `formulas` by the effect's
+    name; `restless` has the channels with how many times the scatter from row to row they keep."""
+    found = []
+    for key in at_bound:
+        effect, _, name = key.rpartition(".")
+        if effect in (formulas or {}):
+            found.append(
+                f"{name} of {(formulas or {})[effect]} stands at the end of what was looked at and would go beyond: "
+                "it is this law only nearly, or another one."
+            )
+        else:
+            found.append(
+                f"{key} stands at its bound and would go beyond: widen it in [fit] if it may, else the equations lack "
+                "more."
+            )
     found += [
         f"{name}: what is left is {number(times, 2)} times what its rows scatter from one to the next. Either its "
         "noise is slow, or more is missing."

@@ -20,8 +20,8 @@ from terrapin_tools.workbench.discover.decide import Weight
 from terrapin_tools.workbench.discover.misfit import Step
 from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
-from terrapin_tools.workbench.discover.unexplained import Curve
 from terrapin_tools.workbench.experiment.proposal import Experiment
+from terrapin_tools.workbench.formulas.free_curves import Curve
 from terrapin_tools.workbench.noise.stated import FAR
 
 __all__ = [
@@ -128,11 +128,13 @@ class Place:
 
 @dataclass(frozen=True)
 class Part:
-    """What is named takes the share `takes` of the misfit; `left` (rms, noise sd) stays, most of it at a place."""
+    """What is named takes the share `takes` of the misfit; `left` (rms, noise sd) stays, most of it at a place. With
+    the curve beside it, where they are `together`."""
 
     takes: float
     left: float
     at: Place
+    together: bool = False
 
 
 @dataclass(frozen=True)

@@ -160,7 +160,7 @@ def found_by(discovery: Discovery) -> Findings:
         remarks = (sentences.only_here([formulas[name] for name in own]),)
     remarks += sentences.alike([[formulas.get(name, name) for name in one] for one in discovery.aliases])
     remarks += _constants_in_sets(discovery, noise)
-    remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless)
+    remarks += sentences.unsure(discovery.doubts.at_bound, discovery.doubts.restless, formulas)
     return Findings(
         verdict=discovery.verdict,
         missing=discovery.missing,
@@ -199,7 +199,7 @@ def _part(analysis: Analysis, discovery: Discovery, sigma: npt.NDArray[np.float6
     if part is None:
         return None
     (at,) = _places(analysis, [part.at], analysis.noise.sigma)  # it is in the sds that are told already
-    return Part(part.takes, part.left, at)
+    return Part(part.takes, part.left, at, part.together)
 
 
 def _constants_in_sets(discovery: Discovery, noise: Noise) -> tuple[str, ...]:
