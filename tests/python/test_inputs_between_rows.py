@@ -10,6 +10,7 @@ import pytest
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.bases.kinds.equations_of_motion import Stretches
+from terrapin_tools.workbench.bases.kinds.late_channels import shift_of
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.case.changes import OwnEffect, extended
 from terrapin_tools.workbench.compare.comparison import analyse
@@ -141,6 +142,18 @@ def test_the_derivatives_by_a_channels_delay_are_those_of_the_prediction(tmp_pat
     plain = Model.of(case).bind(case.inputs).acting(theta[:2], "speed")
     assert plain is not None
     assert np.abs(act(change[None]) - plain(change[None])).max() > 0.01  # it comes late, too
+
+
+def test_a_late_channel_of_short_and_long_runs_is_what_it_was_then() -> None:
+    """The parabola that each row of it lies on, for runs of three rows as of more. Beside each other they ended the
+    program: a run of three rows had fewer neighbours than the others."""
+    for lengths in ([3], [3, 4, 10], [10, 3]):
+        begin = np.cumsum([0, *lengths])
+        time = np.concatenate([0.1 * np.arange(rows) ** 1.2 for rows in lengths])
+        shift = shift_of(0, 0, 0.04, time, begin.tolist())
+        np.testing.assert_allclose(shift.of(3.0 * time**2 - time), 3.0 * (time - 0.04) ** 2 - (time - 0.04), atol=1e-12)
+        every = np.arange(len(time))
+        np.testing.assert_allclose(shift.rising(3.0 * time**2 - time, every), 6.0 * (time - 0.04) - 1.0, atol=1e-11)
 
 
 def test_one_channel_has_no_delay_of_its_own(tmp_path: Path) -> None:

@@ -56,4 +56,5 @@ def _neighbours(time: Array, wanted: Array) -> tuple[Index, Array, Array]:
     for other in range(count):  # the product rule: each factor once in the place of its derivative
         without = np.where(own | (np.arange(count) == other), 1.0, gap[:, None, :] / apart).prod(axis=2)
         rise += np.where(np.arange(count) == other, 0.0, without / apart[:, :, other])
-    return at, weight, rise
+    missing = ((0, 0), (0, NEIGHBOURS - count))  # of a short stretch: samples that count nothing
+    return np.pad(at, missing, mode="edge"), np.pad(weight, missing), np.pad(rise, missing)
