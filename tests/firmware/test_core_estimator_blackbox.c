@@ -115,6 +115,25 @@ static void test_steady_state_on_four_terrains(void) {
     }
 }
 
+/* Longer than 16 bits count: eleven minutes of records, one of ticks. A counter that has no end wraps meanwhile. */
+static void test_a_long_run_says_the_same_to_its_end(void) {
+    rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(5000);
+    for (uint32_t ms = 0U; ms < 660000U; ms++) {
+        rig_tick();
+        TEST_ASSERT_TRUE_MESSAGE(rig.state.estimator.valid, "stays valid");
+        TEST_ASSERT_TRUE_MESSAGE(fabs(rig.state.estimator.torque_unm - rig_contact_unm()) <= 500.0, "0.5 mN m");
+    }
+    rig_start();
+    rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
+    rig_run(5000);
+    for (uint32_t ms = 0U; ms < 70000U; ms++) {
+        rig.in.swing_rate_centirad_s = (int16_t)lrint(100.0 * sin(WHEEL_TURN * ms / 600.0));
+        rig_tick();
+        TEST_ASSERT_FALSE_MESSAGE((ms > 450U) && rig.state.estimator.valid, "the inner device swings");
+    }
+}
+
 static void test_not_valid_while_the_speed_changes(void) {
     rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
     for (int ms = 0; ms < 2000; ms++) {
@@ -459,6 +478,7 @@ int main(void) {
     RUN_TEST(test_saturates_at_full_scale_with_a_flag);
     RUN_TEST(test_gains_over_the_whole_range_of_parameters);
     RUN_TEST(test_steady_state_on_four_terrains);
+    RUN_TEST(test_a_long_run_says_the_same_to_its_end);
     RUN_TEST(test_not_valid_while_the_speed_changes);
     RUN_TEST(test_not_valid_while_the_inner_device_swings);
     RUN_TEST(test_at_rest_nothing_is_valid);

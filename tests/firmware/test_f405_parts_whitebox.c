@@ -546,6 +546,7 @@ static void test_what_the_converter_writes(void) {
                                {&dma.stream[0].M0AR, (uint32_t)(uintptr_t)a.samples},
                                {NULL, 0U}};
     wrote(&dma, sizeof dma, of_dma);
+    TEST_ASSERT_EQUAL_UINT32(sizeof a.samples, dma.stream[0].NDTR * sizeof a.samples[0]); /* none beside its array */
     const write_of of_relay[] = {
         {&relay.CR1, BIT(0)}, {&relay.CR2, 0U}, {&relay.SMCR, 4U}, {&relay.ARR, 0xFFFFFFFFU}, {NULL, 0U}};
     wrote(&relay, sizeof relay, of_relay);
