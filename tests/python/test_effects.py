@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +20,7 @@ from terrapin_hil.units import units
 from terrapin_tools.workbench.bases import BASES, CHANNELS, ROLES, formula_name
 from terrapin_tools.workbench.case.case import Case, parse_case
 from terrapin_tools.workbench.model.model import Model
+from terrapin_tools.workbench.robot.firmware_parameters import export_parameters, torque_cost
 
 SHIPPED = {
     *("speed_squared", "aerodynamic_drag", "slope", "coulomb_friction", "viscous_friction", "stribeck", "inertia"),
@@ -396,3 +400,28 @@ def test_firmware_formulas_name_real_parameters() -> None:
             wanted = units().parse_units("dimensionless" if unit == "1" else unit)
             assert parse(formula).unit(known).dimensionality == wanted.dimensionality
     assert math.isclose(catalogue()["cogging"].parameters[1].maximum, 64.0)
+
+
+# effect of the controller -> its parameter and a value that rounding moves, and what is the same as a value it holds
+HELD: dict[str, tuple[str, float, Callable[[float], float]]] = {
+    "motor_heating": ("a_t", 0.00312345678, lambda held: held),
+    "gear_efficiency": ("loss", 0.0712345678, lambda held: 1.0 - held),
+    "inertia": ("j", 0.0212345678, lambda held: held + sum(TABLE["load"]) / 4 / 9.81 * R**2),
+}
+
+
+@pytest.mark.parametrize("name", HELD)
+def test_rounding_costs_what_the_value_that_is_held_predicts(tmp_path: Path, name: str) -> None:
+    """It was a multiple of that where the controller's parameter is not the effect's own: for a gear, 0.08 of it."""
+    key, value, back = HELD[name]
+    case = _case(tmp_path, "rolling_steady", ROLES_ROLLING, [name], known="gear_efficiency = 1.0\n")
+    model = Model.of(case)
+    theta = np.array([{f"{name}.{key}": value}.get(f.key, f.start) for f in model.fitted], dtype=np.float64)
+    fit = SimpleNamespace(theta=theta, model=model)
+    analysis: Any = SimpleNamespace(case=case, model=model, fit=fit, rows=np.ones(4, dtype=bool))
+    exported, _ = export_parameters(analysis)
+    (entry,) = exported
+    assert 0.0 < abs(entry.rounding) <= entry.scale / 2
+    change = _predict(case, {f"{name}.{key}": back(entry.held)}) - _predict(case, {f"{name}.{key}": value})
+    wanted = np.abs(change[0]).max() * K_T * R / DRIVE
+    assert torque_cost(analysis, exported) == pytest.approx(wanted, rel=1e-3)

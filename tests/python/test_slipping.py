@@ -14,12 +14,15 @@ from terrapin_hil.arrays import Array
 from terrapin_hil.physics import sphere
 from terrapin_hil.physics.bodies import bodies
 from terrapin_hil.physics.dynamic import Plan, simulate
+from terrapin_hil.physics.effects import catalogue
 from terrapin_hil.physics.tyre import ContactError
 from terrapin_hil.robot.plant import Ground, Robot, Segment, Terrain
 from terrapin_hil.robots import constants_of
 from terrapin_hil.scenario.scenario import Order, Scenario
 from terrapin_hil.simulation import Simulation
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.bases import BASES
+from terrapin_tools.workbench.bases.kinds.integrated import Integrated
 from terrapin_tools.workbench.case.case import load_case
 
 GROUND = {"f_o": 0.06, "mu": 0.45, "s_k": 0.15}
@@ -118,6 +121,14 @@ def test_what_cannot_be_is_no_number_or_is_refused() -> None:
     assert weak.channels["omega"] == pytest.approx(same.channels["omega"], rel=1e-9)
 
 
+@pytest.mark.parametrize("name", [name for name, base in BASES.items() if isinstance(base, Integrated)])
+def test_a_case_knows_what_acts_on_its_body(name: str) -> None:
+    """Whatever the body takes in a simulation, of its kin too, may be missing in a case of it."""
+    of_case = {effect.name for effect in catalogue().values() if BASES[name].takes(effect)}
+    assert of_case == {effect.name for effect in catalogue().values() if bodies()[name].takes(effect)}
+    assert of_case
+
+
 def log(folder: Path) -> Path:
     """Four runs of the cylinder on slopes, with the axle's speed measured."""
     random = np.random.default_rng(3)
@@ -155,6 +166,8 @@ def test_a_robots_file_states_its_constants(tmp_path: Path, capsys: pytest.Captu
     assert {name: case.parameters[name] for name in roller} == pytest.approx(roller)
     assert case.guessed == ("parameters.smoothing",)
     assert set(case.fit) == set(GROUND)
+    assert {"stribeck", "cogging", "motor_heating"} <= case.library.keys()  # of its kin, and
+    assert "slope" not in case.library  # not what its own equations hold
     status, _, err = terrapin(capsys, "case", "table", table, "--to", tmp_path / "no", "--robot", "roler")
     assert (status, "roller" in err) == (2, True)
     (tmp_path / "own.csv").write_text("run,a,b\n1,1,1\n1,2,2\n2,3,3\n")

@@ -56,14 +56,19 @@ def _within(value: float, parameter: Parameter) -> float:
     return value
 
 
+def _constants(analysis: Analysis) -> dict[str, float]:
+    """What formulas of controller parameters name beside the effect's own: means over the rows, and the model's."""
+    roles = {role: float(np.mean(values[analysis.rows])) for role, values in analysis.case.roles.items()}
+    return {**roles, **analysis.case.parameters}
+
+
 def export_parameters(analysis: Analysis) -> tuple[list[Exported], list[str]]:
     """Parameters for the effects that the controller can compensate, and the names of those that it cannot.
 
     UserError when none can be, or a value is outside the controller's range.
     """
     description = interface()
-    roles = {role: float(np.mean(values[analysis.rows])) for role, values in analysis.case.roles.items()}
-    constants = {**roles, **analysis.case.parameters}
+    constants = _constants(analysis)
     values = dict(zip((f.key for f in analysis.model.fitted), analysis.fit.theta, strict=True))
     exported, refused = [], []
     for effect in analysis.model.effects:
@@ -91,17 +96,17 @@ def export_parameters(analysis: Analysis) -> tuple[list[Exported], list[str]]:
 def torque_cost(analysis: Analysis, exported: list[Exported]) -> float:
     """Largest change of the predicted torque on the shell [N m], over the case's rows, that rounding costs."""
     theta = analysis.fit.theta.copy()
-    held = {entry.name: entry.held for entry in exported}
-    for effect in analysis.model.effects:
-        for name, formula in effect.firmware.items():
-            for i, fitted in enumerate(analysis.model.fitted):
-                if fitted.effect != effect.name:
-                    continue
-                if formula == fitted.name:
-                    theta[i] = held[name]
-                elif fitted.name in parse(formula).names and theta[i] != 0.0:  # proportional to its one parameter
-                    value = next(e.value for e in exported if e.name == name)
-                    theta[i] *= held[name] / value if value else 1.0
+    constants = _constants(analysis)
+    effects = {effect.name: effect for effect in analysis.model.effects}
+    for entry in exported:
+        rule = parse(effects[entry.effect].firmware[entry.name])
+        own = {f.name: t for f, t in zip(analysis.model.fitted, theta, strict=True) if f.effect == entry.effect}
+        for i, fitted in enumerate(analysis.model.fitted):
+            if fitted.effect == entry.effect and fitted.name in rule.names:
+                step = 1e-4 * (abs(theta[i]) or 1.0)
+                near = (float(rule.evaluate({**constants, **own, fitted.name: theta[i] + by})) for by in (step, -step))
+                theta[i] += entry.rounding * 2.0 * step / (next(near) - next(near))
+                break
     if "current" not in analysis.model.channels:
         raise UserError(
             f"{analysis.case.folder}: channel current is not mapped, expected it: it tells what rounding costs"
