@@ -141,6 +141,23 @@ def test_entry_is_sound(effect: object) -> None:
         assert all(role in ROLES for role in group)
 
 
+# what is never less than nothing: losses, gaps, depths, delays, amplitudes beside a phase
+ONE_SIDED = {
+    *("aerodynamic_drag", "backlash", "bulldozing", "bulldozing_at_axle", "cogging", "encoder_misalignment"),
+    *("gear_behind_friction", "gear_efficiency", "inertia", "rut", "rut_at_axle", "rut_recovery", "sensor_delay"),
+    *("shell_imbalance", "slip_sinkage", "slip_sinkage_at_axle", "swing_friction", "torque_ripple"),
+    *("tyre_flexibility", "winding_temperature"),
+}
+
+
+@pytest.mark.parametrize("name", sorted(SHIPPED))
+def test_an_effect_goes_either_way_unless_it_cannot(name: str) -> None:
+    """A bound at 0 hides what goes the other way: a car whose load shifts less than its model says, too."""
+    size = catalogue()[name].parameters[0]
+    assert (size.minimum < 0.0) == (name not in ONE_SIDED)
+    assert size.maximum > 0.0
+
+
 # numbers in formulas that carry a unit of their own
 CARRIES = {"aerodynamic_drag": ("1.225", "air_density", "kg/m^3"), "rate_effect": ("0.1", "reference", "m/s")}
 WANTED = {"resistance": "N m", "drag": "N", "axle": "N", "encoder": "rad/s", **CHANNELS}

@@ -165,7 +165,9 @@ def test_the_catalogue_is_that_of_the_contract() -> None:
     assert mechanics().keys() == UNITS.keys() | {name for effects in OF_CHANNEL.values() for name in effects}
     for effect in mechanics().values():
         assert all((effect.title, effect.equation, effect.source))
-        assert effect.parameters[0].start == 0.0
+        size = effect.parameters[0]
+        assert size.start == 0.0
+        assert (size.minimum < 0.0) == (effect.name not in ("cogging", "imbalance", "sensor_lag"))  # others may help
         assert all(p.meaning and p.minimum <= p.start <= p.maximum for p in effect.parameters)
         assert {role for group in effect.needs for role in group} <= {*ROLES, "angle"}
 

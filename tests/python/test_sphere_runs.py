@@ -111,7 +111,10 @@ def test_what_ends_a_free_run_is_named() -> None:
 
 
 def test_the_study_says_all_of_it(capsys: pytest.CaptureFixture[str], tmp_path: object) -> None:
-    found = slip_limit.study((0.3, 0.5), ("printed sand",))
+    said: list[tuple[int, int]] = []
+    found = slip_limit.study((0.3, 0.5), ("printed sand",), lambda done, of: said.append((done, of)))
+    every = len(found.pulls) + len(found.free)
+    assert said == [(done, every) for done in range(every)]
     words = slip_limit.describe(found)
     for part in ("printed sand", "rut 20 mm", "worst of these", "what ended it", "energy [J/m], paper"):
         assert part in words
