@@ -213,6 +213,50 @@ def test_lines_are_drawn_as_bars(page: Page) -> None:
     assert len(far) <= 11
 
 
+EVENTS = """async (batches) => {
+    const { Events } = await import('/static/live/events.js');
+    const events = new Events(), found = [];
+    for (const numbers of batches) {
+        events.take(numbers.map((number) => ({ number, time: number / 10, kind: 'mark', text: `event ${number}` })));
+        events.listed = -Infinity; // whatever the time since it last looked
+        events.draw(0);
+        found.push([...events.log.children].map((row) => Number(row.lastChild.textContent.split(' ')[1])));
+    }
+    return found;
+}"""
+
+
+def test_every_event_is_listed_once_and_the_newest_first(page: Page) -> None:
+    """What is told again, or once more beside newer ones, is not listed twice; a full list keeps the newest 100."""
+    batches = [[1, 2, 3], [2, 3], [3, 4], list(range(5, 205)), [205]]
+    first, again, more, full, last = page.evaluate(EVENTS, batches)
+    assert first == again == [3, 2, 1]
+    assert more == [4, 3, 2, 1]
+    assert full == list(range(204, 104, -1))
+    assert last == list(range(205, 105, -1))
+
+
+ROLLED = """async (looks) => {
+    const { Rolling } = await import('/static/rolling.js');
+    const names = ['ATTITUDE.angle', 'ATTITUDE.swing_angle', 'ATTITUDE.pitch', 'ATTITUDE.pitch_valid',
+        'MOTION.ground_speed', 'MOTION.slip', 'MOTION.slip_valid', 'STATUS.state', 'GROUND.terrain'];
+    const rolling = new Rolling();
+    rolling.begin({ radius: 0.08 }, names.map((name) => ({ name })));
+    rolling.take((name) => ({ at: (time) => (name === 'MOTION.ground_speed' ? 0.5 : 0) }));
+    return looks.map(([end, cursor]) => {
+        rolling.drawn = -Infinity; // whatever the time since the last picture
+        rolling.draw(end, cursor);
+        return rolling.way;
+    });
+}"""
+
+
+def test_the_way_goes_on_wherever_somebody_points(page: Page) -> None:
+    """It is that of the robot, not of the time that is looked at; over a gap it is not guessed."""
+    looks = [(0.2, None), (0.4, 0.1), (0.6, 0.1), (0.8, None), (3.0, None), (3.2, 2.0)]
+    assert page.evaluate(ROLLED, looks) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.4, 0.5])
+
+
 def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     page.get_by_role("link", name="Live").click()
     page.locator("#live-source").select_option("simulator:slope_limiter")
