@@ -41,12 +41,29 @@ def browser() -> Iterator[Browser]:
         running.close()
 
 
+# On every canvas of the page a path that goes on after it was drawn, and so is drawn again, is told on the console.
+PATHS = """{
+    const pen = CanvasRenderingContext2D.prototype, drawn = new WeakSet();
+    const before = (names, look) => {
+        for (const name of names.split(' ')) {
+            const own = pen[name];
+            pen[name] = function (...given) { look(this, given[0]); return own.apply(this, given); };
+        }
+    };
+    before('beginPath', (one) => drawn.delete(one));
+    before('fill stroke clip', (one, path) => path instanceof Path2D || drawn.add(one));
+    before('moveTo lineTo arc arcTo rect roundRect ellipse quadraticCurveTo bezierCurveTo',
+        (one) => { if (drawn.has(one)) console.error('a path is drawn again with the next: beginPath is missing'); });
+}"""
+
+
 @pytest.fixture
 def page(browser: Browser, server: Server) -> Iterator[Page]:
     """The page at 1280 x 800, open with its token. At the end its console must be empty."""
     context = browser.new_context(viewport={"width": 1280, "height": 800}, reduced_motion="reduce")
     opened = context.new_page()
     opened.set_default_timeout(1000 * SECONDS)
+    opened.add_init_script(PATHS)
     said: list[str] = []
 
     def told(message: ConsoleMessage) -> None:

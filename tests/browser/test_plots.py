@@ -7,7 +7,6 @@ import re
 import shutil
 import struct
 import xml.etree.ElementTree as ElementTree
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -162,34 +161,6 @@ def test_a_prediction_is_a_curve_in_whatever_unit(page: Page) -> None:
         lines = ((smooth, one), (bent, one), (scatter, one), (apart, two))
         found = page.evaluate(CURVES, [(x, y, 0.01 * unit, runs, max(runs) + 1) for y, runs in lines])
         assert found == [[every], [every], None, [every[::2], every[1::2]]]
-
-
-DRAWN = """async ([x, spec]) => {
-    const { paint } = await import('/static/plots/painting.js');
-    const { SvgPen } = await import('/static/plots/svg_pen.js');
-    const pen = new SvgPen(400, 300);
-    const axes = { x: { name: 'x', unit: 's', values: x }, y: { name: 'y', unit: 'A' }, ranges: [] };
-    paint(pen, { ...axes, ...spec }, 400, 300, null, null);
-    return pen.text();
-}"""
-
-
-def test_no_mark_is_drawn_again_with_the_next(page: Page) -> None:
-    """A path that is not begun anew holds the one before: bands get darker from run to run, a line changes colour."""
-    x = [float(i) for i in range(12)]
-    runs = [list(range(4)), list(range(4, 8)), list(range(8, 12))]
-    line = {"values": x, "width": 2, "dash": [3, 4]}
-    points = {"values": x, "rows": [0, 5, 9]}
-    spec = {
-        "bands": [{"values": x, "half": 0.5, "color": "#123456", "lines": runs}],
-        "lines": [{**line, "color": "#234567", "lines": runs}, {**line, "color": "#345678", "under": True}],
-        "points": [{**points, "color": "#456789", "kind": "held"}, {**points, "color": "#56789a", "kind": "train"}],
-    }
-    drawn = ElementTree.fromstring(page.evaluate(DRAWN, [x, spec]))
-    paths = [path.get("d") or "" for path in drawn.iter("{http://www.w3.org/2000/svg}path")]
-    assert len([path for path in drawn.iter() if path.get("fill") == "#123456"]) == len(runs)
-    assert len(paths) > 12
-    assert [new for old, new in pairwise(paths) if new.startswith(old)] == []
 
 
 def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path) -> None:
