@@ -257,6 +257,28 @@ def test_the_way_goes_on_wherever_somebody_points(page: Page) -> None:
     assert page.evaluate(ROLLED, looks) == pytest.approx([0.1, 0.2, 0.3, 0.4, 0.4, 0.5])
 
 
+ASKED = """async () => {
+    const { Replay } = await import('/static/live/replay.js');
+    const asked = [];
+    const app = { api: (path, { body }) => { asked.push([path, body]); } };
+    const replay = new Replay({ app, run: (work) => work() });
+    const now = { position: 2, length: 60, speed: 5, loop: true };
+    replay.draw({ replay: now });
+    const shown = [replay.place, replay.speed].map((one) => one.value).concat(replay.loop.checked, replay.said.value);
+    replay.loop.checked = false;
+    replay.speed.value = '0.5';
+    replay.place.value = '30';
+    for (const one of [replay.loop, replay.speed, replay.place]) one.dispatchEvent(new Event('change'));
+    return [shown, asked];
+}"""
+
+
+def test_a_replay_is_asked_for_what_is_chosen(page: Page) -> None:
+    shown, asked = page.evaluate(ASKED)
+    assert shown == ["2", "5", True, "2.0 of 60.0 s"]
+    assert asked == [["live/replay", body] for body in ({"loop": False}, {"speed": 0.5}, {"position": 30})]
+
+
 def test_simulator_signals_events_and_stop(page: Page, server: Server) -> None:
     page.get_by_role("link", name="Live").click()
     page.locator("#live-source").select_option("simulator:slope_limiter")

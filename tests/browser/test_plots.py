@@ -36,6 +36,7 @@ def drag(
 def saved(page: Page, name: str, to: Path) -> Path:
     with page.expect_download() as download:
         page.get_by_role("button", name=name).click()
+    assert Path(download.value.suggested_filename).suffix == to.suffix
     download.value.save_as(to)
     return to
 
@@ -163,6 +164,20 @@ def test_a_prediction_is_a_curve_in_whatever_unit(page: Page) -> None:
         assert found == [[every], [every], None, [every[::2], every[1::2]]]
 
 
+THUMBNAIL = """async ([x, measured, predicted]) => {
+    const { thumbnail } = await import('/static/plots/thumbnail.js');
+    const picture = { x: { name: 'x', values: x }, y: { name: 'y' }, measured, predicted };
+    const dots = [...thumbnail(picture, 100, 50).querySelectorAll('circle')];
+    return dots.map((dot) => [dot.getAttribute('class'), dot.cx.baseVal.value, dot.cy.baseVal.value]);
+}"""
+
+
+def test_a_thumbnail_has_what_is_large_above_and_to_the_right(page: Page) -> None:
+    dots = page.evaluate(THUMBNAIL, [[2.0, 0.0, 1.0], [10.0, 30.0, 20.0], [10.0, 20.0, 30.0]])
+    places = {kind: [dot[1:] for dot in dots if dot[0] == kind] for kind in ("measured", "predicted")}
+    assert places == {"measured": [[96, 46], [4, 4], [50, 25]], "predicted": [[96, 46], [4, 25], [50, 4]]}
+
+
 def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path) -> None:
     """A key of the legend hides its line and shows it again; on a logarithmic axis the marks are powers of ten."""
     server.ask("POST", "/api/examples/heated_motor")
@@ -179,6 +194,9 @@ def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path)
     model.click()
     expect(model).to_have_attribute("aria-pressed", "true")
     assert saved(page, "Model and measurement: save as SVG", tmp_path / "again.svg").read_text() == full
+
+    rows = saved(page, "Model and measurement: save its rows as CSV", tmp_path / "rows.csv").read_text()
+    assert rows.startswith('run,"temperature, degC","measured current, A","model current, A"')
 
     page.locator(".axis select").first.select_option("row")
     page.get_by_role("button", name="Model and measurement: x axis logarithmic").click()

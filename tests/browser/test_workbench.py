@@ -356,6 +356,56 @@ def test_no_heading_stands_over_nothing_and_the_verdict_keeps_its_room(page: Pag
     page.unroute_all(behavior="wait")
 
 
+ORDERED = """async ([mapped, cases]) => {
+    const { OwnEquations } = await import('/static/mapping/own_equations.js');
+    return cases.map((typed) => {
+        const own = new OwnEquations(mapped.map((name) => ({ name })), typed);
+        const inputs = [...own.parameters.children].map((row) => [...row.querySelectorAll('input')]);
+        const bounds = inputs.map((row) => row.map((one) => one.disabled));
+        try { return [own.order(), bounds]; } catch (error) { return error.message; }
+    });
+}"""
+OWN = {
+    "state_1_name": "x", "state_1_unit": "mm", "state_1_initial": "fit", "state_1_derivative": "v",
+    "state_2_name": "v", "state_2_unit": "m/s", "state_2_initial": "0", "state_2_derivative": "(force - d*v)/m",
+    "measured_1_channel": "position", "measured_1_formula": "x",
+    "measured_2_channel": "speed", "measured_2_formula": "v",
+    "is_m": "known", "start_m": "1.3", "unit_m": "kg", "min_m": "1", "start_d": "0.5", "min_d": "0", "max_d": "4",
+}  # fmt: skip
+WRONG_OWN = [
+    ({"state_2_name": "2v"}, "state 2: found 2v, expected a name of letters"),
+    ({"state_2_name": "x"}, "state 2: found x once more, expected another name"),
+    (
+        {"state_2_initial": "rest"},
+        "v starts at: found rest, expected fit, a number or one of time, force, position, speed",
+    ),
+    ({"state_1_derivative": ""}, "derivative of x: found nothing, expected a formula"),
+    ({"measured_2_channel": "sped"}, "measured 2: found sped, expected one of force, position, speed"),
+    ({"measured_2_channel": "position"}, "measured 2: found position once more, expected another column"),
+    ({"measured_2_formula": ""}, "measured 2: speed: found no formula, expected one of the states"),
+    ({"start_d": ""}, "start value of d: found nothing, expected a number"),
+    ({"max_d": "4,5"}, "max of d: found 4,5, expected a number"),
+]
+
+
+def test_equations_of_ones_own_are_ordered_as_they_were_typed(page: Page) -> None:
+    """What is wrong is said by the row's name; a parameter that is known has no bounds."""
+    columns = ["time", "force", "position", "speed"]
+    (right, bounds), *wrong = page.evaluate(ORDERED, [columns, [OWN, *({**OWN, **more} for more, _ in WRONG_OWN)]])
+    assert right == {
+        "states": {"x": {"initial": "fit", "unit": "mm"}, "v": {"initial": 0, "unit": "m/s"}},
+        "derivative": {"x": "v", "v": "(force - d*v)/m"},
+        "measured": {"position": "x", "speed": "v"},
+        "fit": {"d": {"value": 0.5, "unit": "", "min": 0, "max": 4}},
+        "parameters": {"m": "1.3 kg"},
+    }
+    assert bounds == [[False, False, False, False], [False, True, True, False]]  # of d, of m: start, min, max, unit
+    for said, (_, expected) in zip(wrong, WRONG_OWN, strict=True):
+        assert expected in said
+    (timeless,) = page.evaluate(ORDERED, [columns[1:], [OWN]])
+    assert "time: no column is mapped to it" in timeless
+
+
 def test_the_list_shows_commands_that_do_the_same(page: Page, server: Server) -> None:
     """What stands in the strip, typed into a shell in the server's folder."""
     command = page.locator("#command")
