@@ -149,11 +149,12 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     return standing;
 }
 
-/* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. */
+/* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. A speed that missed
+ * ticks leave unknown bears nothing out: with ticks lost again and again the drive would be blind for good. */
 static bool encoder_lies(terrapin_state *state) {
     const int32_t *p = state->parameter;
-    bool off = false;
-    if (state->drive.enable && (state->slip.ticks > SPEED_TICKS)) {
+    bool off = state->drive.enable;
+    if (off && (state->slip.ticks > SPEED_TICKS)) {
         const int32_t drop_mv = integer_q32(state->sense.current_ua, state->rates.drop_q32);
         const int32_t seen_mv = state->drive.applied_mv - drop_mv; /* below 2^22: 100 ohm at 21 A */
         off = integer_abs(seen_mv - (state->slip.emf_uv / 1000)) > p[TERRAPIN_PARAMETER_ENCODER_TOLERANCE];

@@ -393,6 +393,47 @@ static void test_a_jump_of_the_encoder_over_a_gap_is_no_fault(void) {
     TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_OVERRUN));
 }
 
+/* A clock that jumps again and again, or stands still, leaves the drive without a speed: the loop would wind up against
+ * the last one, and nothing would watch the encoder or the age of a command. */
+static void test_ticks_lost_again_and_again_switch_off(void) {
+    static const struct {
+        int every; /* ticks from one gap to the next */
+        uint32_t jump;
+    } rows[] = {{2, 1U}, {7, 1U}, {20, 1U}, {1, UINT32_MAX}};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        rig_start();
+        rig_drive(500, TERRAPIN_CONTROL_SPEED);
+        rig_run(4000);
+        const double asked = 0.5 / 0.08;
+        TEST_ASSERT_TRUE(fabs(rig.omega - asked) < (0.02 * asked));
+        rig.omega = 0.7 * asked; /* the speed that is known last is too low by so much that the loop pushes */
+        rig_run(25);
+        int ms = 0;
+        while (rig.out.enable && (ms < 221)) {
+            rig.in.tick += ((ms % rows[i].every) == 0) ? rows[i].jump : 0U;
+            rig_tick();
+            TEST_ASSERT_TRUE(rig.omega < (1.2 * asked));
+            ms++;
+        }
+        TEST_ASSERT_FALSE(rig.out.enable);
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_OVERRUN));
+        TEST_ASSERT_TRUE(rig_fault(TERRAPIN_FAULT_MOTOR_ENCODER));
+        TEST_ASSERT_EQUAL_INT32(TERRAPIN_STATE_SAFE, rig_state());
+    }
+}
+
+static void test_a_tick_lost_now_and_then_does_not(void) {
+    rig_drive(500, TERRAPIN_CONTROL_SPEED);
+    rig_run(4000);
+    for (int i = 0; i < 50; i++) {
+        rig.in.tick++;
+        rig_run(101);
+    }
+    TEST_ASSERT_TRUE(rig.out.enable);
+    TEST_ASSERT_TRUE(fabs(rig.omega - (0.5 / 0.08)) < 0.2);
+    TEST_ASSERT_EQUAL_HEX32(1U << TERRAPIN_FAULT_OVERRUN, rig.out.faults);
+}
+
 static void test_ticks_wrap_without_a_word(void) {
     rig.in.tick = UINT32_MAX - 3000U;
     rig_drive(5000, TERRAPIN_CONTROL_VOLTAGE);
@@ -555,6 +596,8 @@ int main(void) {
     RUN_TEST(test_parameters_that_contradict_each_other);
     RUN_TEST(test_a_missed_tick_is_flagged_and_starts_the_windows_anew);
     RUN_TEST(test_a_jump_of_the_encoder_over_a_gap_is_no_fault);
+    RUN_TEST(test_ticks_lost_again_and_again_switch_off);
+    RUN_TEST(test_a_tick_lost_now_and_then_does_not);
     RUN_TEST(test_ticks_wrap_without_a_word);
     RUN_TEST(test_clear_takes_the_report_away);
     RUN_TEST(test_parameter_access);
