@@ -64,8 +64,8 @@ proof: ## show what tests cannot: no overflow, nothing read or written outside, 
 firmware: ## build the firmware for this machine and every image for the chip, with their sizes (ROBOT=NAME|FILE)
 	@tests/setup/setup.sh firmware && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") host cortex-m4 && tests/tools/build.sh $(if $(ROBOT),"robot=$(ROBOT)") size
 
-release: ## the core for somebody else's firmware, as an archive that needs no Python (docs/embedding.md): build/release/
-	@tests/setup/setup.sh runtime && tests/tools/release.sh
+release: ## the core for somebody else's firmware, as an archive that needs no Python (ROBOT=NAME|FILE; docs/embedding.md)
+	@tests/setup/setup.sh runtime && tests/tools/release.sh build/release $(if $(ROBOT),"$(ROBOT)")
 
 docs: ## the pages of docs/ as a site: build/docs/index.html
 	@tests/setup/setup.sh test && tests/tools/build.sh host && tests/tools/docs.sh

@@ -8,15 +8,26 @@ if(PROJECT_IS_TOP_LEVEL AND NOT CMAKE_BUILD_TYPE AND NOT CMAKE_CONFIGURATION_TYP
 endif()
 
 set(TERRAPIN_GENERATED ${PROJECT_SOURCE_DIR}/generated)
-if(NOT EXISTS ${TERRAPIN_GENERATED}/terrapin_interface.c)
+if(EXISTS ${TERRAPIN_GENERATED}/terrapin_interface.c)
+    if(DEFINED TERRAPIN_ROBOT)
+        message(FATAL_ERROR "terrapin: TERRAPIN_ROBOT is ${TERRAPIN_ROBOT}, expected none with a release, whose C was "
+            "generated for one robot (generated/robot.toml); `make release ROBOT=...` makes that of another")
+    endif()
+else()
+    set(TERRAPIN_ROBOT cylinder CACHE STRING "Name of a shipped robot, or the file of one")
+    set(TERRAPIN_OF ${TERRAPIN_ROBOT})
+    get_filename_component(TERRAPIN_FILE ${TERRAPIN_ROBOT} ABSOLUTE BASE_DIR ${CMAKE_SOURCE_DIR})
+    if(EXISTS ${TERRAPIN_FILE} AND NOT IS_DIRECTORY ${TERRAPIN_FILE})
+        set(TERRAPIN_OF ${TERRAPIN_FILE})
+    endif()
     find_package(Python3 3.11 REQUIRED COMPONENTS Interpreter)
     set(TERRAPIN_GENERATED ${PROJECT_BINARY_DIR}/generated)
     set(TERRAPIN_GENERATOR ${PROJECT_SOURCE_DIR}/firmware/terrapin_interface)
     file(GLOB TERRAPIN_DESCRIPTION CONFIGURE_DEPENDS ${TERRAPIN_GENERATOR}/*.py ${TERRAPIN_GENERATOR}/*.toml
-        ${TERRAPIN_GENERATOR}/robots/*.toml ${TERRAPIN_GENERATOR}/robots/boards/*.toml)
+        ${TERRAPIN_GENERATOR}/robots/*.toml ${TERRAPIN_GENERATOR}/robots/boards/*.toml ${TERRAPIN_OF})
     set_property(DIRECTORY APPEND PROPERTY CMAKE_CONFIGURE_DEPENDS ${TERRAPIN_DESCRIPTION})
     execute_process(
-        COMMAND ${Python3_EXECUTABLE} -B ${TERRAPIN_GENERATOR}/generate.py --out ${TERRAPIN_GENERATED}
+        COMMAND ${Python3_EXECUTABLE} -B ${TERRAPIN_GENERATOR}/generate.py --out ${TERRAPIN_GENERATED} --robot ${TERRAPIN_OF}
         RESULT_VARIABLE TERRAPIN_FAILED)
     if(TERRAPIN_FAILED)
         message(FATAL_ERROR "terrapin: no code could be generated from controller.toml")

@@ -149,8 +149,8 @@ static uint32_t watch(terrapin_state *state, const terrapin_inputs *inputs) {
     return standing;
 }
 
-/* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. A speed that missed
- * ticks leave unknown bears nothing out: with ticks lost again and again the drive would be blind for good. */
+/* The encoder against the motor's own equation V = R_e I + back-EMF, with the speed of the last ticks. A speed that
+ * missed ticks leave unknown bears nothing out: with ticks lost again and again the drive would be blind for good. */
 static bool encoder_lies(terrapin_state *state) {
     const int32_t *p = state->parameter;
     bool off = state->drive.enable;

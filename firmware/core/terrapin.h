@@ -75,8 +75,8 @@ typedef struct {
     uint16_t current_code;         /* 12-bit ADC, motor current; parameter current_zero_code reads as 0 A */
     uint16_t supply_code;          /* 12-bit ADC, bridge supply */
     uint16_t temperature_code;     /* 12-bit ADC, winding temperature */
-    uint16_t motor_count;          /* drive wheel, TERRAPIN_ENCODER_COUNTS a turn relative to the inner device, wraps */
-    uint16_t ground_count;         /* trailing wheel of 30 mm radius, as many counts a turn, wraps */
+    uint16_t motor_count;          /* drive wheel, TERRAPIN_ENCODER_COUNTS a turn in the body, forward is up, wraps */
+    uint16_t ground_count;         /* trailing wheel (parameter ground_wheel_radius), forward is up, wraps */
     int16_t swing_angle_mrad;      /* phi, bob forward positive */
     int16_t swing_rate_centirad_s; /* phi_dot in 0.01 rad/s */
     int16_t pitch_mrad;            /* slope of the ground, uphill positive */

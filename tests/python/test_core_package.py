@@ -131,6 +131,77 @@ def test_at_most_four_lines() -> None:
     assert [len(lines.splitlines()) for lines in (FETCH, SUBDIRECTORY, FIND)] == [4, 2, 2]
 
 
+def test_the_core_of_another_robot(tmp_path: Path) -> None:
+    """The archive was the cylinder's, whatever `make release ROBOT=...` named."""
+    assert 'release.sh build/release "my robot.toml"' in run("make", "-n", "release", "ROBOT=my robot.toml", cwd=ROOT)
+    own = ROOT / "firmware/terrapin_interface/robots/sphere.toml"
+    file = Path(shutil.copy(own, tmp_path / "mine.toml"))
+    made = Path(run(ROOT / "tests/tools/release.sh", tmp_path / "out", file).strip())
+    assert re.fullmatch(r"terrapin-core-mine-[0-9.]+\.tar\.gz", made.name)
+    with tarfile.open(made) as archive:
+        archive.extractall(tmp_path, filter="data")
+    tree = tmp_path / made.name.removesuffix(".tar.gz")
+    assert (tree / "generated/robot.toml").read_bytes() == own.read_bytes()
+
+    project = tmp_path / "project"
+    (project / "terrapin").mkdir(parents=True)
+    shutil.copy(ROOT / "CMakeLists.txt", project / "terrapin")
+    shutil.copytree(ROOT / "firmware", project / "terrapin/firmware")
+    shutil.copy(file, project)
+    (project / "main.c").write_text(PROGRAM)
+    (project / "unused.c").write_text(UNUSED)
+    chosen = "set(TERRAPIN_ROBOT mine.toml)\n" + SUBDIRECTORY
+    (project / "CMakeLists.txt").write_text(PROJECT + chosen)
+    run("cmake", "-S", project, "-B", project / "build")
+    header = (project / "build/terrapin/include/terrapin_interface.h").read_bytes()
+    assert header == (tree / "generated/terrapin_interface.h").read_bytes()
+
+    shutil.rmtree(project / "terrapin")
+    shutil.copytree(tree, project / "terrapin")
+    again = ["cmake", "-S", project, "-B", tmp_path / "again"]
+    refused = subprocess.run(again, capture_output=True, text=True, check=False)
+    assert refused.returncode
+    assert "expected none with a release" in " ".join(refused.stderr.split())
+
+
+def test_the_program_stops_and_says_whose_it_is(place: Path, tmp_path: Path) -> None:
+    """A STOP_ALL on its bus puts the bridge off, IDENTITY_READ is answered, and a value out of range starts nothing."""
+    sending = "static void can_send(const terrapin_frame *frame) {\n"
+    shown = '    if (frame->id == TERRAPIN_ID_IDENTITY) { puts("IDENTITY"); }\n'
+    assert PROGRAM.count(sending) == 1
+    text = PROGRAM.replace("int main(void)", "int program(void)").replace(sending, sending + shown)
+    (tmp_path / "program.c").write_text(text)
+    (tmp_path / "main.c").write_text(
+        """#include "program.c"
+int main(void) {
+    const terrapin_frame stop = {.id = TERRAPIN_ID_STOP_ALL, .length = 1};
+    const terrapin_frame who = {.id = TERRAPIN_ID_IDENTITY_READ, .length = 1};
+    if (program() != 0 || !outputs.enable) {
+        return 1;
+    }
+    take(&who);
+    take(&stop);
+    millisecond();
+    if (outputs.enable || (outputs.faults & (1U << TERRAPIN_FAULT_STOP_ALL)) == 0) {
+        return 2;
+    }
+    for (int i = 0; i < 1000; i++) { /* whoever goes on with RUN */
+        millisecond();
+    }
+    return outputs.enable ? 3 : 0;
+}
+"""
+    )
+    flags = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-I", place / "include")
+    library = next(place.rglob("*.a"))
+    run("cc", *flags, tmp_path / "main.c", library, "-o", tmp_path / "stops")
+    assert run(tmp_path / "stops").splitlines().count("IDENTITY") == 1
+
+    (tmp_path / "out.c").write_text(PROGRAM.replace("VOLTAGE_LIMIT, 9000", "VOLTAGE_LIMIT, 90000"))
+    run("cc", *flags, tmp_path / "out.c", library, "-o", tmp_path / "out")
+    assert subprocess.run([tmp_path / "out"], capture_output=True, check=False).returncode == 1
+
+
 def test_pkg_config(place: Path, tmp_path: Path) -> None:
     if not shutil.which("pkg-config"):
         pytest.skip("pkg-config not installed")

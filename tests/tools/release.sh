@@ -1,11 +1,14 @@
 #!/usr/bin/env bash
-# release.sh [FOLDER]   packs terrapin::core with its generated C into FOLDER (build/release) and prints the archive's path.
+# release.sh [FOLDER [ROBOT]]   packs terrapin::core with its generated C into FOLDER (build/release), prints the archive's path.
+# ROBOT is a shipped robot or the file of one (cylinder): the scales, ranges and defaults in the C are that robot's.
 # The same tree gives the same bytes: sorted names, one owner, one time (SOURCE_DATE_EPOCH, else 1980).
 set -euo pipefail
 cd "$(dirname "$0")/../.."
 out=${1:-build/release}
+robot=${2:-cylinder}
 version=$(sed -n 's/^project(terrapin VERSION \([0-9.]*\) .*/\1/p' CMakeLists.txt)
-name=terrapin-core-$version
+of=$(basename "$robot" .toml)
+[ "$of" = cylinder ] && name=terrapin-core-$version || name=terrapin-core-$of-$version
 work=$(mktemp -d "${TMPDIR:-/tmp}/terrapin-release.XXXXXX")
 trap 'rm -rf "$work"' EXIT
 tree=$work/$name
@@ -13,7 +16,7 @@ python=.venv/bin/python
 [ -x "$python" ] || python=python3
 
 mkdir -p "$tree/firmware/core" "$tree/firmware/cmake" "$out"
-"$python" -B firmware/terrapin_interface/generate.py --out "$tree/generated"
+"$python" -B firmware/terrapin_interface/generate.py --out "$tree/generated" --robot "$robot"
 cp firmware/core/*.[ch] "$tree/firmware/core/"
 cp firmware/cmake/{core_package,short_core}.cmake firmware/cmake/terrapin-core.pc.in "$tree/firmware/cmake/"
 cp CMakeLists.txt LICENSE firmware/cmake/library.json "$tree/" # library.json: PlatformIO looks for it here
