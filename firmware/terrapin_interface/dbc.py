@@ -35,8 +35,8 @@ def _comment(d: Description, signal: Signal) -> str:
     return f"{signal.comment}: {', '.join(f'bit {fault.number} {fault.name}' for fault in d.faults)}"
 
 
-def dbc(d: Description) -> str:
-    """Text of the DBC: messages, units, comments, value tables and cycle times."""
+def dbc(d: Description, robot: str) -> str:
+    """Text of the DBC: whose controller's it is, messages, units, comments, value tables and cycle times."""
     nodes = list(d.nodes.values())
 
     def receiver(message: Message) -> str:
@@ -46,6 +46,7 @@ def dbc(d: Description) -> str:
     for m in d.messages:
         out.append(f"BO_ {m.id} {m.name}: {m.length} {d.nodes[m.sender]}")
         out += [*(_signal(s, receiver(m)) for s in m.signals), ""]
+    out.append(f"CM_ {_text(f'Controller of robot {robot}: the scales are those of this robot, others have others.')};")
     for m in d.messages:
         if m.comment:
             out.append(f"CM_ BO_ {m.id} {_text(m.comment)};")

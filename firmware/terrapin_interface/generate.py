@@ -41,13 +41,14 @@ def generate(description: Path, headers: list[Path], out: Path, robot: Robot | N
     """
     d = load(description, robot)
     interface = header(d)
+    of = (DEFAULT if robot is None else robot.name).encode("ascii", "replace").decode()
     texts = {
         "terrapin_interface.h": interface,
         "terrapin_interface.c": source(d),
         "terrapin_pack.h": pack_header(d),
         "terrapin_scaling.h": scaling_header(d),
-        "terrapin.dbc": dbc(d),
-        "interface.md": markdown(d),
+        "terrapin.dbc": dbc(d, of),
+        "interface.md": markdown(d, of),
         "interface.json": as_json(d),
     }
     if robot is not None:

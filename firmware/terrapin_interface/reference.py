@@ -28,6 +28,15 @@ def _physical(raw: int, scale: float) -> str:
     return f"{raw * scale:.9g}"
 
 
+def _exact(value: float) -> str:
+    """A number as a program has to have it: a key has ten digits, a scale as many as a double.
+
+    >>> _exact(2119673069.0), _exact(0.000030517578125)
+    ('2119673069', '3.0517578125e-05')
+    """
+    return str(int(value)) if value == int(value) else repr(value)
+
+
 def _message(d: Description, m: Message) -> list[str]:
     cycle = f"every {m.cycle_ms} ms" if m.cycle_ms else "when needed"
     protection = "; counter and CRC-8 (E2E)" if m.e2e else ""
@@ -38,7 +47,7 @@ def _message(d: Description, m: Message) -> list[str]:
         kind = "signed" if s.signed else "unsigned"
         bits = f"{s.start}" if s.length == 1 else f"{s.start} to {s.start + s.length - 1}, {kind}"
         meaning = s.comment or ("" if s.enum is None else f"enumeration `{s.enum}`")
-        out.append(_row(f"`{s.name}`", bits, f"{s.minimum} to {s.maximum}", f"{s.scale:.9g}", s.unit, meaning))
+        out.append(_row(f"`{s.name}`", bits, f"{s.minimum} to {s.maximum}", _exact(s.scale), s.unit, meaning))
     return [*out, ""]
 
 
@@ -50,15 +59,16 @@ def _parameter(p: Parameter) -> str:
         default,
         f"{low} to {high}",
         p.unit,
-        f"{p.default}; {p.scale:.9g}",
+        f"{p.default}; {_exact(p.scale)}",
         f"{p.meaning}; its range ends at a ceiling: {p.ceiling}" if p.ceiling else p.meaning,
         p.protects,
     )
 
 
-def markdown(d: Description) -> str:
+def markdown(d: Description, robot: str) -> str:
     """The reference page."""
     out = [f"<!-- {NOTICE} -->", f"# Interface of the controller ({d.name}, version {d.version})", ""]
+    out += [f"Of robot `{robot}`: scales, ranges and defaults of other robots are others.", ""]
     out += [
         "Raw integers travel, little-endian: physical value = raw x scale. Encoders clamp and flag, they never wrap.",
         "Messages with E2E carry a counter that runs 0 to 14 (byte 6) and the CRC-8 of SAE J1850 over the data id (the",
@@ -83,7 +93,8 @@ def markdown(d: Description) -> str:
         "",
         "## Parameters",
         "",
-        "Written only while the bridge is off. Physical values; the raw default stands apart.",
+        "Those that protect something are written only while the bridge is off. Physical values; the raw default stands",
+        "apart.",
         "",
     ]
     out += _table("index", "name", "default", "range", "unit", "raw default; scale", "meaning", "protects")
@@ -103,7 +114,7 @@ def markdown(d: Description) -> str:
         out.append(_row(f.number, f"`{f.name}`", f.cause, f.reaction, f"{f.within_ms} ms", latched, scenarios))
     for title, entries in (("Limits", d.limits), ("Constants", d.constants)):
         out += ["", f"## {title}", "", *_table("name", "value", "unit", "meaning")]
-        out += [_row(f"`{x.name}`", f"{x.value:.9g}", x.unit, x.meaning) for x in entries]
+        out += [_row(f"`{x.name}`", _exact(x.value), x.unit, x.meaning) for x in entries]
     out += ["", "## Promises", "", *_table("name", "value", "unit", "meaning", "held by")]
-    out += [_row(f"`{x.name}`", f"{x.value:.9g}", x.unit, x.meaning, f"`{x.test}`") for x in d.promises]
+    out += [_row(f"`{x.name}`", _exact(x.value), x.unit, x.meaning, f"`{x.test}`") for x in d.promises]
     return "\n".join(out) + "\n"

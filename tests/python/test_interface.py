@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,8 @@ from terrapin_interface import unread as unread_module
 from terrapin_interface.description import CONTROLLER_TOML, load, parse
 from terrapin_interface.entries import DescriptionError, Promise
 from terrapin_interface.generate import generate
+from terrapin_interface.reference import markdown
+from terrapin_interface.robot import find_robot, load_robot
 from terrapin_interface.unread import unread
 from tests.interface_mutations.planted import GOOD, PLANTED
 
@@ -168,6 +171,42 @@ def test_reference_page_names_everything() -> None:
     d = load()
     for entry in (*d.messages, *d.parameters, *d.faults, *d.limits, *d.constants, *d.promises):
         assert entry.name in page
+
+
+def test_reference_page_is_exact() -> None:
+    """test_mode_key stood there as 2.11967307e+09, which arms nothing, and a scale with nine digits of its own."""
+    d = load()
+    page = markdown(d, "cylinder")
+    for entry in (*d.limits, *d.constants, *d.promises):
+        (value,) = re.findall(rf"^\| `{entry.name}` \| (\S+) \|", page.partition("## Limits")[2], re.MULTILINE)
+        assert float(value) == entry.value
+        assert "e" not in value or entry.value < 1
+    for message in d.messages:
+        rows = page.partition(f"### {message.name} (")[2].partition("\n### ")[0]
+        for signal in message.signals:
+            (scale,) = re.findall(rf"^\| `{signal.name}` \|[^|]*\|[^|]*\| (\S+) \|", rows, re.MULTILINE)
+            assert float(scale) == signal.scale
+
+
+@pytest.mark.parametrize("name", ["sphere", "kr\u00f6te"])
+def test_page_and_dbc_say_whose_they_are(name: str, tmp_path: Path) -> None:
+    """Two robots' DBCs differed by their scales alone: a log read with the wrong one gave other torques in silence."""
+    file = tmp_path / f"{name}.toml"
+    shutil.copy(find_robot("sphere"), file)
+    generate(CONTROLLER_TOML, [], tmp_path, load_robot(file))
+    shown = name.encode("ascii", "replace").decode()
+    assert f"Of robot `{shown}`" in (tmp_path / "interface.md").read_text(encoding="utf-8")
+    database = cantools.database.load_file(tmp_path / "terrapin.dbc")
+    assert f'CM_ "Controller of robot {shown}: ' in (tmp_path / "terrapin.dbc").read_text(encoding="cp1252")
+    written = cantools.database.load_string(database.as_dbc_string(), "dbc")
+    assert {m.name for m in written.messages} == {m.name for m in load().messages}
+
+
+def test_no_text_of_the_interface_has_numbers_of_the_cylinder() -> None:
+    """Of every robot the page said that its calibration takes 9 m (the sphere's 18), and an sd that was another's."""
+    of = {p.name: p for p in load(robot=load_robot(find_robot("sphere"))).parameters}
+    for name in ("calibrate_high", "sd_coulomb", "sd_viscous", "sd_current_offset", "sd_current_linearity"):
+        assert not re.search(r"\d", of[name].meaning), of[name].meaning
 
 
 def test_parameters_in_their_units(firmware: Firmware) -> None:

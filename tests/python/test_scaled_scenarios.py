@@ -81,6 +81,30 @@ def test_a_title_says_the_supply_and_the_current_of_this_robot(robot: Robot) -> 
     assert (4070 - 2048) * robot.current_code > robot.limits["over_current"]
 
 
+def floor_of(name: str) -> float:
+    """What docs/hardware.md says that the calibration of a robot takes [m]."""
+    page = (paths.ROOT / "docs" / "hardware.md").read_text(encoding="utf-8")
+    (metres,) = re.findall(rf"the {name}\s+(?:takes )?(\d+) m", page)
+    return float(metres)
+
+
+def calibration_way() -> float:
+    """What the calibration of this process's robot rolls [m]."""
+    result = run(load_scenario(find_scenario("floor_calibration")))
+    return float(np.max(np.abs(result.truth["position"])))
+
+
+def test_the_floor_that_a_calibration_takes(robot: Robot) -> None:
+    """The page promised 9 m to every robot: the sphere rolls 18."""
+    way = calibration_way()
+    assert way < floor_of(robot.name) < way + 1.0
+
+
+def test_the_floor_that_the_cylinder_takes() -> None:
+    way = calibration_way()
+    assert way < floor_of("cylinder") < way + 1.0
+
+
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_the_default_robot_has_its_scenarios_as_they_are(name: str) -> None:
     assert load_scenario(paths.SCENARIOS / f"{name}.toml").source == (paths.SCENARIOS / f"{name}.toml").read_text()
