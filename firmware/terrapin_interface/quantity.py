@@ -27,7 +27,7 @@ _UNITS: dict[str, tuple[float, Dimension]] = {
     "rpm": (math.pi / 30.0, (0, 0, -1, 0, 0, 0)),
     "A": (1.0, (0, 0, 0, 1, 0, 0)),
     "K": (1.0, (0, 0, 0, 0, 1, 0)),
-    "degC": (1.0, (0, 0, 0, 0, 1, 0)),  # a temperature of a limit: never converted to another scale
+    "degC": (1.0, (0, 0, 0, 0, 1, 0)),  # a temperature, or a difference where K is expected
     "N": (1.0, (1, 1, -2, 0, 0, 0)),
     "kgf": (9.80665, (1, 1, -2, 0, 0, 0)),  # as sheets of small gear motors give torques: kgf cm
     "V": (1.0, (1, 2, -3, -1, 0, 0)),
@@ -38,6 +38,7 @@ _UNITS: dict[str, tuple[float, Dimension]] = {
 }
 _FACTOR = re.compile(r"([A-Za-z1]+)(?:\^(-?\d))?")
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", re.DOTALL)
+FREEZING = 273.15  # K, of water: 0 degC
 LONGEST = 60  # characters of a value in a message
 
 
@@ -78,6 +79,8 @@ def parse_quantity(value: object, unit: str) -> float:
 
     >>> parse_quantity("80 mm", "m"), parse_quantity("181 g cm^2", "kg m^2"), parse_quantity(5, "ohm")
     (0.08, 1.81e-05, 5.0)
+    >>> parse_quantity("373.15 K", "degC"), parse_quantity("2 degC", "K")
+    (100.0, 2.0)
     """
     shown = repr(value) if len(repr(value)) <= LONGEST else repr(value)[:LONGEST] + "..."
     plain = unit in ("", "1")
@@ -100,6 +103,8 @@ def parse_quantity(value: object, unit: str) -> float:
         inverse = wanted[0] / given[0]
         whole = inverse > 1.0 and abs(inverse - round(inverse)) < 1e-9 * inverse  # 80 mm is 80/1000 m, to the last bit
         number = float(match[1]) / round(inverse) if whole else float(match[1]) * ratio
+        if unit == "degC" and "degC" not in match[2]:
+            number -= FREEZING
     if not math.isfinite(number):
         raise QuantityError(f"found {shown}, expected a finite number")
     return number

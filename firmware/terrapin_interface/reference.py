@@ -93,8 +93,8 @@ def markdown(d: Description, robot: str) -> str:
         "",
         "## Parameters",
         "",
-        "Those that protect something are written only while the bridge is off. Physical values; the raw default stands",
-        "apart.",
+        "Those that protect something are written only while the bridge is off. Physical values; the raw default",
+        "stands apart.",
         "",
     ]
     out += _table("index", "name", "default", "range", "unit", "raw default; scale", "meaning", "protects")

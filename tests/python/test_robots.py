@@ -315,6 +315,9 @@ def _app() -> Any:
         ("3000 rpm", "rad/s", 100 * math.pi),
         ("181 g cm^2", "kg m^2", 1.81e-5),
         (".5", "1", 0.5),
+        ("353.15 K", "degC", 353.15 - 273.15),  # was taken as 353.15 degC
+        ("80 degC", "degC", 80.0),
+        ("2 degC", "K", 2.0),
     ],
 )
 def test_quantities(text: str, unit: str, value: float) -> None:
