@@ -5,10 +5,20 @@
  */
 #include "core.h"
 
+/* What a window is held within, of robots with a full scale up to 2, 33 and 100 N m: no window reaches it. Eight speeds
+ * of TORQUE_MAX fit 2^31, and 32 OMEGA_MAX [mrad/s] TORQUE_MAX 1e5, which fit_viscous divides, fits 2^63. */
+#if TERRAPIN_LIMIT_TORQUE_FULL_SCALE <= 0x200000
+enum { OMEGA_MAX_URAD_S = 0x6000000, TORQUE_MAX_UNM = 0x200000, SLOPE_BITS = 23 };
+#elif TERRAPIN_LIMIT_TORQUE_FULL_SCALE <= 0x2000000
+enum { OMEGA_MAX_URAD_S = 0x4C00000, TORQUE_MAX_UNM = 0x2000000, SLOPE_BITS = 19 };
+#else
+enum { OMEGA_MAX_URAD_S = 0x1300000, TORQUE_MAX_UNM = 0x8000000, SLOPE_BITS = 17 };
+#endif
+
+_Static_assert((int32_t)TORQUE_MAX_UNM >= TERRAPIN_LIMIT_TORQUE_FULL_SCALE, "held where no motor reaches");
+
 enum {
-    SETTLE_MS = 500,              /* no window counts so soon after a voltage step, whatever the gate says */
-    OMEGA_MAX_URAD_S = 100000000, /* three windows of it fit 2^30 */
-    TORQUE_MAX_UNM = 2000000,
+    SETTLE_MS = 500,       /* no window counts so soon after a voltage step, whatever the gate says */
     SPREAD_MRAD2 = 1000000 /* n^2 times the variance of the speeds; less than 1 rad/s apart says nothing of B */
 };
 
@@ -48,7 +58,7 @@ static void close_step(terrapin_state *state) {
     const int32_t omega = c->omega_sum_urad_s / CALIBRATE_WINDOWS;
     const int32_t torque = c->torque_sum_unm / CALIBRATE_WINDOWS;
     c->omega_mrad_s[c->step] = omega / 1000;
-    c->torque_unm[c->step] = torque - ground_floor_unm(state, omega);
+    c->torque_unm[c->step] = integer_clamp(torque - ground_floor_unm(state, omega), -TORQUE_MAX_UNM, TORQUE_MAX_UNM);
     c->step++;
     c->timer_ms = 0U;
     restart_step(c);
@@ -57,10 +67,11 @@ static void close_step(terrapin_state *state) {
 /* Largest residual of the line [uN m]. */
 static int32_t worst(const terrapin_calibration_state *c) {
     TERRAPIN_ASSERT((int32_t)c->step <= TERRAPIN_LIMIT_CALIBRATE_SPEEDS);
-    const int32_t viscous_q24 = integer_factor(c->viscous_e8, 24U, 100000); /* uN m of one mrad/s, at most 100 */
+    /* uN m of one mrad/s: of each N m of full scale at most 100 */
+    const int32_t slope = integer_factor(c->viscous_e8, (uint32_t)SLOPE_BITS, 100000);
     int32_t largest = 0;
     for (uint32_t i = 0U; i < c->step; i++) {
-        const int32_t line = c->coulomb_unm + integer_q_held(c->omega_mrad_s[i], viscous_q24, 24U);
+        const int32_t line = c->coulomb_unm + integer_q_held(c->omega_mrad_s[i], slope, (uint32_t)SLOPE_BITS);
         const int32_t off = integer_abs(c->torque_unm[i] - line);
         largest = (off > largest) ? off : largest;
     }
@@ -71,7 +82,7 @@ static int32_t worst(const terrapin_calibration_state *c) {
 static bool fit_sums(terrapin_calibration_state *c) {
     const int64_t n = c->step; /* 2..8 */
     TERRAPIN_ASSERT((n >= 2) && (n <= TERRAPIN_LIMIT_CALIBRATE_SPEEDS));
-    int32_t w = 0; /* 8 times 1e5, and 2e6 */
+    int32_t w = 0; /* 8 times OMEGA_MAX, and TORQUE_MAX */
     int32_t t = 0;
     int64_t ww = 0;
     int64_t wt = 0;
@@ -90,11 +101,13 @@ static bool fit_sums(terrapin_calibration_state *c) {
 }
 
 static bool fit_viscous(terrapin_calibration_state *c) {
-    /* uN m a mrad/s to 1e-8 N m s/rad: times 1e5; |n wt| is at most 64 * 1e5 * 2e6, below 2^44 */
+    /* uN m a mrad/s to 1e-8 N m s/rad: times 1e5; of n numbers each from 0 to W and -T to T it is at most n^2/2 W T */
     const int64_t viscous = integer_divide(c->common * 100000, c->spread);
     const terrapin_parameter_entry range = terrapin_parameter(TERRAPIN_PARAMETER_VISCOUS);
     const bool good = (viscous >= range.minimum) && (viscous <= range.maximum);
-    c->viscous_e8 = good ? (int32_t)viscous : 0;
+    if (good) {
+        c->viscous_e8 = (int32_t)viscous;
+    }
     return good;
 }
 
@@ -103,7 +116,9 @@ static bool fit_coulomb(terrapin_calibration_state *c) {
     const int64_t coulomb = integer_divide(numerator, (int64_t)c->step * 100000);
     const terrapin_parameter_entry range = terrapin_parameter(TERRAPIN_PARAMETER_COULOMB);
     const bool good = (coulomb >= range.minimum) && (coulomb <= range.maximum);
-    c->coulomb_unm = good ? (int32_t)coulomb : 0;
+    if (good) {
+        c->coulomb_unm = (int32_t)coulomb;
+    }
     return good;
 }
 

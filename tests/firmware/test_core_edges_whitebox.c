@@ -303,6 +303,21 @@ static void test_a_window_of_a_calibration_is_held(void) {
     }
 }
 
+/* Nor is a speed's torque without the floor's, however heavy the robot: eight of them fit the sum. */
+static void test_a_speed_of_a_calibration_is_held(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    state.parameter[TERRAPIN_PARAMETER_TERRAIN_HARD_FLOOR_F_O] = 1000000;
+    state.gains.weight_q22 = INT32_MAX; /* 512 N m */
+    for (c->step = 0U; (int32_t)c->step < TERRAPIN_LIMIT_CALIBRATE_SPEEDS;) {
+        c->windows = (uint8_t)CALIBRATE_WINDOWS;
+        c->torque_sum_unm = -CALIBRATE_WINDOWS * TORQUE_MAX_UNM;
+        close_step(&state);
+        TEST_ASSERT_EQUAL_INT32(-TORQUE_MAX_UNM, c->torque_unm[c->step - 1U]);
+    }
+    TEST_ASSERT_FALSE(fit_sums(c)); /* no two speeds */
+    TEST_ASSERT_EQUAL_INT32(-TERRAPIN_LIMIT_CALIBRATE_SPEEDS * TORQUE_MAX_UNM, c->sum_unm);
+}
+
 /* A fit that fails before its residuals are known says none: not that of a calibration before. */
 static void test_a_fit_that_fails_early_tells_no_residual(void) {
     terrapin_calibration_state *c = &state.calibration;
@@ -431,6 +446,7 @@ int main(void) {
     RUN_TEST(test_one_milliampere_too_much_is_taken_off);
     RUN_TEST(test_a_calibration_begins_with_nothing_of_the_last);
     RUN_TEST(test_a_window_of_a_calibration_is_held);
+    RUN_TEST(test_a_speed_of_a_calibration_is_held);
     RUN_TEST(test_the_sums_of_a_line);
     RUN_TEST(test_the_tolerance_of_a_fit);
     RUN_TEST(test_a_fit_that_fails_early_tells_no_residual);

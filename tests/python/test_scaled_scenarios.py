@@ -105,6 +105,19 @@ def test_the_floor_that_the_cylinder_takes() -> None:
     assert way < floor_of("cylinder") < way + 1.0
 
 
+@pytest.mark.parametrize(("coulomb", "viscous"), [(2.5, 0.02), (4.0, 0.02), (0.6, 0.25)])
+def test_a_calibration_of_much_friction(robot: Robot, coulomb: float, viscous: float) -> None:
+    """Torques were held at 2 N m: of more friction it found 1.9 N m and no B at all, and reported `calibrated`."""
+    if robot.name != "sphere":
+        pytest.skip("its motor does not overcome so much")
+    changes = {"robot.coulomb": coulomb, "robot.viscous": viscous}
+    result = run(load_scenario(find_scenario("floor_calibration"), changes))
+    told = result.telemetry["CALIBRATION"]
+    assert told["calibrated"][-1] == 1
+    assert told["coulomb"][-1] == pytest.approx(coulomb, rel=0.03)
+    assert told["viscous"][-1] == pytest.approx(viscous, abs=0.003)
+
+
 @pytest.mark.parametrize("name", sorted(NAMES))
 def test_the_default_robot_has_its_scenarios_as_they_are(name: str) -> None:
     assert load_scenario(paths.SCENARIOS / f"{name}.toml").source == (paths.SCENARIOS / f"{name}.toml").read_text()
