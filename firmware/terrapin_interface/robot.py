@@ -380,10 +380,17 @@ def _encoder(table: RobotTable, gear: float | None, free_speed: float) -> tuple[
         step = 10.0 ** (math.floor(math.log10(higher)) - 3)  # rounded up: it is typed as it stands here
         expected += f", or a gear of {math.ceil(higher / step) * step:.4g}"
         raise table.contradiction(key, f"{found} of the drive wheel", expected, table.place("motor.gear"))
+    most = max(1, math.floor(exact / (FEWEST - 0.5)))  # that these counts may be divided by
+    speed = 2e3 * math.pi * 32768 / FAST_TICKS * most / exact
+    step = 10.0 ** (math.floor(math.log10(speed)) - 3)  # rounded down: it is typed as it stands here
+    ways = ["a higher gear", "a lower supply.voltage"]
+    least, largest = math.ceil(FEWEST / turns), math.ceil(fastest / turns) - 1
+    if least <= largest:
+        ways.append(f"an encoder of {least} to {largest} counts")
     raise table.contradiction(
         key,
         f"a drive wheel that turns at {free_speed:.4g} rad/s without load",
-        f"at most {2e3 * math.pi * 32768 / FAST_TICKS / FEWEST:.4g} rad/s: a higher gear, or a lower supply.voltage",
+        f"at most {math.floor(speed / step) * step:.4g} rad/s with these counts: {', or '.join(ways)}",
         table.place("motor.gear"),
         table.place("motor.torque_constant"),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -322,6 +323,31 @@ def _app() -> Any:
 )
 def test_quantities(text: str, unit: str, value: float) -> None:
     assert parse_quantity(text, unit) == pytest.approx(value, rel=1e-15)
+
+
+def encoder_error(tmp_path: Path, torque_constant: float, counts: int) -> str:
+    """What is said of the encoder of a cylinder with such a motor; nothing when it is taken."""
+    changes = {"motor.torque_constant": torque_constant, "sensors.motor_encoder.counts": counts}
+    try:
+        load_robot(changed(tmp_path, "cylinder", changes))
+    except RobotError as error:  # what the motor is too weak for is another matter
+        return str(error) if "motor_encoder" in str(error) else ""
+    return ""
+
+
+def test_how_fast_an_encoder_may_turn(tmp_path: Path) -> None:
+    """It said of a wheel at 1301 rad/s that it expected at most 1374: what 1171 counts take, and not these 2048."""
+    said = encoder_error(tmp_path, 0.012, 2048)
+    words = re.search(
+        r"at 1000 rad/s without load, expected at most (\S+) rad/s with these .* (\d+) to (\d+) counts", said
+    )
+    assert words, said
+    most = float(words[1])
+    assert most < 1000.0
+    assert not encoder_error(tmp_path, 12.0 / most * 1.0001, 2048)
+    assert encoder_error(tmp_path, 12.0 / most * 0.998, 2048)
+    for counts, good in ((int(words[2]), True), (int(words[3]), True), (int(words[3]) + 1, False)):
+        assert (encoder_error(tmp_path, 0.012, counts) == "") == good
 
 
 @pytest.mark.parametrize("text", ["", "mm", "1 mm^2", "1 mm mm", "1e999 m", "1 m/", "5 mmm", "1 m^99", "1 m\n2 m"])
