@@ -318,3 +318,12 @@ def test_effects_that_the_plant_cannot_take() -> None:
     constants = {"radius": 0.08, "drive_radius": 0.018, "torque_constant": 0.1, "coulomb": 0.012, "viscous": 1e-3}
     everything = [ActiveEffect(e, {p.name: p.start for p in e.parameters}) for e in usable]
     assert compile_effects(everything, constants).native.count == len(everything)
+
+
+def test_what_was_set_is_told_beside_a_title_with_other_numbers() -> None:
+    """A run at 5 V on a hard floor had the title: on dry sand at 8 V, and said nothing."""
+    path = find_scenario("steady_sand")
+    (note,) = load_scenario(path, {"operator.1.setpoint": "5 V", "path.1.terrain": "hard_floor"}).notes
+    assert note == "set: operator.1.setpoint = 5 V, path.1.terrain = hard_floor; the title is as it was"
+    assert load_scenario(path).notes == ()
+    assert load_scenario(path, {"operator.1.setpoint": "5 V", "title": "At 5 V"}).notes == ()

@@ -351,7 +351,7 @@ def load_scenario(path: Path, values: Mapping[str, Any] | None = None) -> Scenar
 
     ReadingError: one line that names file, line, field and what was expected.
     """
-    root, note = load(path), ""
+    root, note, asked = load(path), "", values
     if path.parent == paths.SCENARIOS and selected().name != DEFAULT:
         try:
             fitted, note = scaled(parse_toml(root.source, path), cylinder(), selected())
@@ -362,7 +362,10 @@ def load_scenario(path: Path, values: Mapping[str, Any] | None = None) -> Scenar
         text = _changed_text(root.source, values)
         root = Section(parse_toml(text, path), str(path), text)
     scenario = read_scenario(root, path.stem)
-    return replace(scenario, notes=(note, *scenario.notes)) if note else scenario
+    notes = [note] if note else []
+    if asked and "title" not in asked and any(letter.isdigit() for letter in scenario.title):
+        notes.append(f"set: {', '.join(f'{name} = {value}' for name, value in asked.items())}; the title is as it was")
+    return replace(scenario, notes=(*notes, *scenario.notes))
 
 
 def _changed_text(text: str, values: Mapping[str, Any]) -> str:
