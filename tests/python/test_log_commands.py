@@ -17,6 +17,7 @@ import pytest
 from terrapin_hil import paths
 from terrapin_hil.messages import interface
 from terrapin_interface.robot import identity_of
+from terrapin_tools.commands.monitor import _dbc_of
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
@@ -192,6 +193,24 @@ def test_record_for_a_time(tmp_path: Path) -> None:
     terrapin("log", "record", tmp_path / "x.mcap", "--link", "can:virtual:terrapin", "--duration", 0.3)
     frames, cut = read_log(tmp_path / "x.mcap")
     assert (len(frames), cut) == (0, "")
+
+
+def test_a_record_of_another_robot_has_its_dbc_beside(tmp_path: Path) -> None:
+    """--robot did nothing: the log of another robot was then read in the cylinder's steps, torques a thirtieth."""
+    for name in ("x.log", "y.blf"):
+        terrapin("log", "record", tmp_path / name, "--link", "can:virtual:s", "--duration", "0.1", "--robot", "sphere")
+    assert "Controller of robot sphere" in (tmp_path / "terrapin.dbc").read_text(encoding="cp1252")
+    assert _dbc_of(tmp_path / "x.log") == (tmp_path / "terrapin.dbc", "")
+    assert _dbc_of(tmp_path) == (tmp_path / "terrapin.dbc", "")
+    (tmp_path / "other").mkdir()
+    assert _dbc_of(tmp_path / "other" / "x.log") == (paths.dbc(), ", in steps of the cylinder")
+
+    (tmp_path / "terrapin.dbc").write_text("of somebody")
+    done = terrapin(
+        "log", "record", tmp_path / "z.log", "--link", "can:virtual:s", "--robot", "sphere", status=2
+    )  # fmt: skip
+    assert "terrapin.dbc: is there and another than that of the sphere" in done.stderr
+    assert not (tmp_path / "z.log").exists()
 
 
 def test_full_disk(run: Path, tmp_path: Path) -> None:

@@ -39,6 +39,21 @@ def _decoder(log: Path, dbc: Path | None) -> Decoder | None:
     return Decoder(dbc) if dbc is not None else None
 
 
+def _dbc_beside(log: Path) -> Path:
+    """Puts the DBC of this process's robot where the other commands look for that of a log."""
+    from terrapin_hil import paths
+    from terrapin_hil.robots import selected
+    from terrapin_tools.workbench.files.writing import write_whole
+
+    beside, text = log.parent / "terrapin.dbc", paths.dbc().read_bytes()
+    if beside.exists() and beside.read_bytes() != text:
+        raise UserError(
+            f"{beside}: is there and another than that of the {selected().name}, expected another folder or --dbc"
+        )
+    write_whole(beside, text)
+    return beside
+
+
 def _warn(log: Path, cut: str, lost: str = "") -> None:
     if cut:
         print(f"terrapin: {log}: read up to where it was cut off: {cut}", file=sys.stderr)
@@ -173,6 +188,8 @@ def record(
 ) -> None:
     """Record a bus. It only listens. What came is in the file at least twice a second, so a crash costs little.
 
+    With --robot its terrapin.dbc goes beside the log, so that the other commands read it in this robot's steps.
+
     Example: terrapin log record drive.blf --link socketcan:can0
     """
     from terrapin_tools.logs.bus import open_bus
@@ -185,6 +202,8 @@ def record(
         raise UserError(f"--duration: found {duration:g} s, expected 0 or more")
     if to.exists():
         raise UserError(f"{to}: exists already, expected a new file")
+    if robot and dbc is None:
+        dbc = _dbc_beside(to)
     bus = open_bus(link, bitrate)
     frames = 0
     begin = time.monotonic()

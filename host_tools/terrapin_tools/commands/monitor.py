@@ -28,7 +28,10 @@ def monitor(
         str, typer.Argument(metavar="[SOURCE]", help="a log or a run's folder, or a scenario's name or file")
     ] = "steady_sand",
     link: Annotated[LinkName | None, link_option("listen", "a bus instead")] = None,
-    dbc: Annotated[Path | None, typer.Option("--dbc", help="names of signals; default: the controller's")] = None,
+    dbc: Annotated[
+        Path | None,
+        typer.Option("--dbc", help="names of signals; default: terrapin.dbc beside a log, else the robot's"),
+    ] = None,
     speed: Annotated[float, typer.Option("--speed", help="of a log: times its own pace")] = 1.0,
     bitrate: BitRate = 500_000,
     node: NodeNumber = None,
@@ -87,8 +90,13 @@ def monitor(
         raise UserError("monitor needs a terminal; `terrapin log record`, `log info` and `monitor --serve` do without")
     if serve:
         need("--serve", "foxglove", "foxglove")
-    decoder = Decoder(dbc or paths.dbc())
     opened = Bus(link, bitrate) if link else Simulator(source, controller) if simulated else LogFile(path, speed)
+    if dbc is None and isinstance(opened, LogFile) and not robot:
+        found, whose = _dbc_of(path)
+        opened.name += whose
+    else:
+        found = dbc or paths.dbc()
+    decoder = Decoder(found)
     if isinstance(opened, Bus) and dbc is None:
         try:
             opened.require_fitting()
@@ -120,6 +128,15 @@ def monitor(
     print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
     if app.failed is not None:
         raise app.failed
+
+
+def _dbc_of(log: Path) -> tuple[Path, str]:
+    """The DBC beside a log of an unnamed robot, and nothing; else that of this process's robot, and whose it is."""
+    from terrapin_hil import paths
+    from terrapin_hil.robots import selected
+
+    beside = (log if log.is_dir() else log.parent) / "terrapin.dbc"
+    return (beside, "") if beside.is_file() else (paths.dbc(), f", in steps of the {selected().name}")
 
 
 def _serve(opened: Source, decoder: Decoder, node: int | None, port: int) -> None:
