@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -17,8 +18,9 @@ import pytest
 from terrapin_hil import paths
 from terrapin_hil.messages import interface
 from terrapin_interface.robot import identity_of
-from terrapin_tools.commands.monitor import _dbc_of
+from terrapin_tools import Log
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.decoding import description_of
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
 from tests.own_bus import own_multicast, unread
@@ -200,10 +202,9 @@ def test_a_record_of_another_robot_has_its_dbc_beside(tmp_path: Path) -> None:
     for name in ("x.log", "y.blf"):
         terrapin("log", "record", tmp_path / name, "--link", "can:virtual:s", "--duration", "0.1", "--robot", "sphere")
     assert "Controller of robot sphere" in (tmp_path / "terrapin.dbc").read_text(encoding="cp1252")
-    assert _dbc_of(tmp_path / "x.log") == (tmp_path / "terrapin.dbc", "")
-    assert _dbc_of(tmp_path) == (tmp_path / "terrapin.dbc", "")
+    assert description_of(tmp_path / "x.log") == description_of(tmp_path) == (tmp_path / "terrapin.dbc", True)
     (tmp_path / "other").mkdir()
-    assert _dbc_of(tmp_path / "other" / "x.log") == (paths.dbc(), ", in steps of the cylinder")
+    assert description_of(tmp_path / "other" / "x.log") == (paths.dbc(), False)
 
     (tmp_path / "terrapin.dbc").write_text("of somebody")
     done = terrapin(
@@ -211,6 +212,20 @@ def test_a_record_of_another_robot_has_its_dbc_beside(tmp_path: Path) -> None:
     )  # fmt: skip
     assert "terrapin.dbc: is there and another than that of the sphere" in done.stderr
     assert not (tmp_path / "z.log").exists()
+
+
+def test_whose_steps_a_log_is_read_in(run: Path, tmp_path: Path) -> None:
+    """Without a DBC beside it a log is read as the cylinder's, and that was not said."""
+    assert "in steps of" not in terrapin("look", run / "telemetry.log").stdout
+    alone = Path(shutil.copy(run / "telemetry.log", tmp_path))
+    assert "in steps of the cylinder: nothing says whose log it is" in terrapin("look", alone).stdout
+    log = Log(run / "telemetry.log")
+    assert log.dbc == run / "terrapin.dbc"
+    columns = ("--column", "f=GROUND.torque", "--unit", "f=N m", "--column", "x=ELECTRICAL.current", "--unit", "x=A")
+    made = ("--base", "equation", "--equation", "f=k*x", "--fit", "k=1", *columns)
+    said = "telemetry.log: in steps of the cylinder, as no DBC says otherwise"
+    assert said in terrapin("case", "map", alone, "--to", tmp_path / "a", *made).stdout
+    assert said not in terrapin("case", "map", run / "telemetry.log", "--to", tmp_path / "b", *made).stdout
 
 
 def test_full_disk(run: Path, tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def monitor(
     from terrapin_hil.messages import interface
     from terrapin_hil.scenario.scenario import take_scenario
     from terrapin_tools.extras import need
-    from terrapin_tools.logs.decoding import Decoder
+    from terrapin_tools.logs.decoding import Decoder, description_of, in_steps_of
     from terrapin_tools.monitor.live import Live
     from terrapin_tools.monitor.sources import Bus, LogFile, Simulator
 
@@ -92,8 +92,8 @@ def monitor(
         need("--serve", "foxglove", "foxglove")
     opened = Bus(link, bitrate) if link else Simulator(source, controller) if simulated else LogFile(path, speed)
     if dbc is None and isinstance(opened, LogFile) and not robot:
-        found, whose = _dbc_of(path)
-        opened.name += whose
+        found, own = description_of(path)
+        opened.name += "" if own else f", {in_steps_of()}"
     else:
         found = dbc or paths.dbc()
     decoder = Decoder(found)
@@ -128,15 +128,6 @@ def monitor(
     print(f"{live.total} frames seen, {opened.lost} lost" + (f"; {opened.note}" if opened.note else ""))
     if app.failed is not None:
         raise app.failed
-
-
-def _dbc_of(log: Path) -> tuple[Path, str]:
-    """The DBC beside a log of an unnamed robot, and nothing; else that of this process's robot, and whose it is."""
-    from terrapin_hil import paths
-    from terrapin_hil.robots import selected
-
-    beside = (log if log.is_dir() else log.parent) / "terrapin.dbc"
-    return (beside, "") if beside.is_file() else (paths.dbc(), f", in steps of the {selected().name}")
 
 
 def _serve(opened: Source, decoder: Decoder, node: int | None, port: int) -> None:

@@ -38,12 +38,11 @@ class Log:
 
     @for_programs
     def __init__(self, path: str | Path, dbc: str | Path | None = None) -> None:
-        from terrapin_hil import paths
+        from terrapin_tools.logs.decoding import description_of
         from terrapin_tools.logs.reading import LogReader
 
         self.path = Path(path)
-        own = self.path / "terrapin.dbc"
-        self.dbc = Path(dbc) if dbc is not None else own if own.is_file() else paths.dbc()
+        self.dbc = Path(dbc) if dbc is not None else description_of(self.path)[0]
         LogReader(self.path)
         self._decoder: Decoder | None = None
         self._read: dict[str, Any] | None = None

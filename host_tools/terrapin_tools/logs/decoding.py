@@ -14,14 +14,27 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from terrapin_hil import paths
 from terrapin_hil.arrays import Array, Index
+from terrapin_hil.robots import selected
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.frames import EXTENDED, Frames
 
-__all__ = ["Decoded", "Decoder", "Described"]
+__all__ = ["Decoded", "Decoder", "Described", "description_of", "in_steps_of"]
 
 
 EXPECTED = "a DBC file (or ARXML, KCD, SYM)"
+
+
+def description_of(log: Path) -> tuple[Path, bool]:
+    """The terrapin.dbc in the folder `log` or beside the log, and True; else that of this process's robot."""
+    beside = (log if log.is_dir() else log.parent) / "terrapin.dbc"
+    return (beside, True) if beside.is_file() else (paths.dbc(), False)
+
+
+def in_steps_of() -> str:
+    """What to say of a log that is read with the description of this process's robot, because it has none."""
+    return f"in steps of the {selected().name}"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from terrapin_hil import paths
 from terrapin_hil.arrays import Array, Index
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.reading import LogReader, is_log
@@ -50,11 +49,11 @@ def table_of(path: Path, dbc: Path | None = None, asked: Asked = PLAIN) -> tuple
     if not is_log(path):
         table = read(path, asked=asked)
         return table, {"kind": path.suffix[1:].lower(), "units": {}, "notes": list(table.notes)}
-    from terrapin_tools.logs.decoding import Decoder
+    from terrapin_tools.logs.decoding import Decoder, description_of, in_steps_of
     from terrapin_tools.logs.info import Summary
 
-    beside = path.parent / "terrapin.dbc"
-    decoder = Decoder(dbc or (beside if beside.is_file() else paths.dbc()))
+    found, own = (dbc, True) if dbc else description_of(path)
+    decoder = Decoder(found)
     log, summary = LogReader(path), Summary(decoder)
     known = False
     for block in log.blocks():
@@ -62,11 +61,13 @@ def table_of(path: Path, dbc: Path | None = None, asked: Asked = PLAIN) -> tuple
         known = known or bool(decoder.decode(block))
     told = summary.answer()
     periods = [m["period"] for m in told["messages"] if m["name"] and m["period"]]
+    guessed = known and log.timed and not own
+    whose = f"{in_steps_of()}: nothing says whose log it is, and no terrapin.dbc is beside it" if guessed else ""
     more = {
         "kind": "log",
         "frames": told,
         "buses": log.buses,
-        "notes": [t for t in (log.lost, log.cut) if t] + log.assumed,
+        "notes": [t for t in (log.lost, log.cut, whose) if t] + log.assumed,
     }
     units = {f"{m.name}.{s}": u for m in decoder.messages.values() for s, u in decoder.units(str(m.name))}
     if not known or not log.timed:

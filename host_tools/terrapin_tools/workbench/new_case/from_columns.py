@@ -13,8 +13,8 @@ from typing import Any
 import numpy.typing as npt
 import tomlkit
 
-from terrapin_hil import paths
 from terrapin_tools.errors import UserError
+from terrapin_tools.logs.decoding import description_of, in_steps_of
 from terrapin_tools.logs.reading import is_log
 from terrapin_tools.parquet_files import rows as parquet_rows
 from terrapin_tools.progress import step
@@ -44,9 +44,10 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     asked = Asked.of(order.get("read", {}), "--read")
     _check_units(sources, asked)
     _check_size(sources, order["every"])
+    own = True
     names = [_bring(place, source, order["every"], order["run"], asked) for source in sources]
     if logs:
-        described = Path(dbc) if dbc else paths.dbc()
+        described, own = (Path(dbc), True) if dbc else description_of(logs[0])
         name = f"bus{described.suffix.lower()}"  # by which cantools knows its kind
         shutil.copyfile(described, place / name)
     write_whole(place / "case.toml", document_of(order, names, name if logs else ""))
@@ -57,6 +58,7 @@ def make(folder: str, files: list[str], dbc: str, order: dict[str, Any]) -> dict
     sets = {"training": case.train, "held-out": case.test}
     runs = {name: len({*case.run[rows].tolist()}) for name, rows in sets.items()}
     warnings = [
+        *([] if own else [f"{logs[0].name}: {in_steps_of()}, as no DBC says otherwise"]),
         *case.intake,
         *(f"found no {name} run, expected at least one" for name, count in runs.items() if not count),
     ]
