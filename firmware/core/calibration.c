@@ -5,17 +5,21 @@
  */
 #include "core.h"
 
-/* What a window is held within, of robots with a full scale up to 2, 33 and 100 N m: no window reaches it. Eight speeds
- * of TORQUE_MAX fit 2^31, and 32 OMEGA_MAX [mrad/s] TORQUE_MAX 1e5, which fit_viscous divides, fits 2^63. */
+/* What a window is held within, of robots with a full scale up to 2, 8, 33 and 100 N m: no window reaches it. Eight
+ * speeds of TORQUE_MAX fit 2^31. */
 #if TERRAPIN_LIMIT_TORQUE_FULL_SCALE <= 0x200000
 enum { OMEGA_MAX_URAD_S = 0x6000000, TORQUE_MAX_UNM = 0x200000, SLOPE_BITS = 23 };
+#elif TERRAPIN_LIMIT_TORQUE_FULL_SCALE <= 0x800000
+enum { OMEGA_MAX_URAD_S = 0x6000000, TORQUE_MAX_UNM = 0x800000, SLOPE_BITS = 21 };
 #elif TERRAPIN_LIMIT_TORQUE_FULL_SCALE <= 0x2000000
-enum { OMEGA_MAX_URAD_S = 0x4C00000, TORQUE_MAX_UNM = 0x2000000, SLOPE_BITS = 19 };
+enum { OMEGA_MAX_URAD_S = 0x2800000, TORQUE_MAX_UNM = 0x2000000, SLOPE_BITS = 19 };
 #else
-enum { OMEGA_MAX_URAD_S = 0x1300000, TORQUE_MAX_UNM = 0x8000000, SLOPE_BITS = 17 };
+enum { OMEGA_MAX_URAD_S = 0xD80000, TORQUE_MAX_UNM = 0x6000000, SLOPE_BITS = 17 };
 #endif
-
 _Static_assert((int32_t)TORQUE_MAX_UNM >= TERRAPIN_LIMIT_TORQUE_FULL_SCALE, "held where no motor reaches");
+_Static_assert(((int64_t)32 * ((int32_t)OMEGA_MAX_URAD_S / 1000) * (int32_t)TORQUE_MAX_UNM) <
+                   (((int64_t)1 << 62) / 100000),
+               "what fit_viscous divides is within what integer_divide takes");
 
 enum {
     SETTLE_MS = 500,       /* no window counts so soon after a voltage step, whatever the gate says */

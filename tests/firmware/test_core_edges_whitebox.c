@@ -289,10 +289,10 @@ static void test_a_window_of_a_calibration_is_held(void) {
         state.estimator.motor_unm = cases[i].torque_unm;
         state.estimator.index = 5U;
         c->seen = 4U;
-        c->timer_ms = SETTLE_MS;
+        c->timer_ms = 500U;
         TEST_ASSERT_FALSE(take_window(&state)); /* while it settles none counts */
         TEST_ASSERT_EQUAL(0, c->windows);
-        c->timer_ms = SETTLE_MS + 1U;
+        c->timer_ms = 501U;
         TEST_ASSERT_FALSE_MESSAGE(take_window(&state), "the same window again");
         TEST_ASSERT_EQUAL(0, c->windows);
         c->seen = 4U;
@@ -311,11 +311,57 @@ static void test_a_speed_of_a_calibration_is_held(void) {
     for (c->step = 0U; (int32_t)c->step < TERRAPIN_LIMIT_CALIBRATE_SPEEDS;) {
         c->windows = (uint8_t)CALIBRATE_WINDOWS;
         c->torque_sum_unm = -CALIBRATE_WINDOWS * TORQUE_MAX_UNM;
+        c->timer_ms = 77U;
         close_step(&state);
+        TEST_ASSERT_EQUAL_UINT32(0U, c->timer_ms);
         TEST_ASSERT_EQUAL_INT32(-TORQUE_MAX_UNM, c->torque_unm[c->step - 1U]);
     }
     TEST_ASSERT_FALSE(fit_sums(c)); /* no two speeds */
     TEST_ASSERT_EQUAL_INT32(-TERRAPIN_LIMIT_CALIBRATE_SPEEDS * TORQUE_MAX_UNM, c->sum_unm);
+}
+
+/* What is found may be either end of the parameter's range, and is kept as it is; beyond it fails. */
+static void test_the_ends_of_a_fit(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    static const struct {
+        int32_t viscous_e8, coulomb_unm;
+        bool good;
+    } cases[] = {{-1, -1, false}, {0, 0, true}, {1000000, 1000000, true}, {1000001, 1000001, false}};
+    for (size_t i = 0U; i < (sizeof cases / sizeof cases[0]); i++) {
+        setUp();
+        c->step = 2U;
+        c->spread = 100000;
+        c->common = cases[i].viscous_e8;
+        TEST_ASSERT_EQUAL(cases[i].good, fit_viscous(c));
+        TEST_ASSERT_EQUAL_INT32(cases[i].good ? cases[i].viscous_e8 : 0, c->viscous_e8);
+        c->viscous_e8 = 0;
+        c->sum_unm = 2 * cases[i].coulomb_unm;
+        TEST_ASSERT_EQUAL(cases[i].good, fit_coulomb(c));
+        TEST_ASSERT_EQUAL_INT32(cases[i].good ? cases[i].coulomb_unm : 0, c->coulomb_unm);
+    }
+}
+
+/* Two speeds 1 rad/s apart are enough, and a little less is not. */
+static void test_speeds_that_are_just_apart(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    c->step = 2U;
+    c->omega_mrad_s[1] = 1000;
+    TEST_ASSERT_TRUE(fit_sums(c));
+    TEST_ASSERT_EQUAL_INT64(1000000, c->spread);
+    c->omega_mrad_s[1] = 999;
+    TEST_ASSERT_FALSE(fit_sums(c));
+}
+
+/* The first speed counts as the others; the steepest line at the highest speed is exact. */
+static void test_the_residual_of_each_speed(void) {
+    terrapin_calibration_state *c = &state.calibration;
+    c->step = 2U;
+    c->viscous_e8 = 10000000;
+    c->omega_mrad_s[1] = 100000;
+    c->torque_unm[1] = 10000000;
+    TEST_ASSERT_EQUAL_INT32(0, worst(c));
+    c->torque_unm[0] = 9;
+    TEST_ASSERT_EQUAL_INT32(9, worst(c));
 }
 
 /* A fit that fails before its residuals are known says none: not that of a calibration before. */
@@ -447,6 +493,9 @@ int main(void) {
     RUN_TEST(test_a_calibration_begins_with_nothing_of_the_last);
     RUN_TEST(test_a_window_of_a_calibration_is_held);
     RUN_TEST(test_a_speed_of_a_calibration_is_held);
+    RUN_TEST(test_the_ends_of_a_fit);
+    RUN_TEST(test_speeds_that_are_just_apart);
+    RUN_TEST(test_the_residual_of_each_speed);
     RUN_TEST(test_the_sums_of_a_line);
     RUN_TEST(test_the_tolerance_of_a_fit);
     RUN_TEST(test_a_fit_that_fails_early_tells_no_residual);
