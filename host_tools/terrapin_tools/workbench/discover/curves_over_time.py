@@ -14,23 +14,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from terrapin_hil.arrays import Array
-from terrapin_tools.workbench.bases import free_name
+from terrapin_hil.arrays import Array, Mask
+from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_tools.workbench.discover.leftover import absent
 from terrapin_tools.workbench.discover.ranker import WITHIN, Hypothesis, Ranker
-from terrapin_tools.workbench.formulas.expressions import Sketch, as_effect, read_by, readable
+from terrapin_tools.workbench.formulas.expressions import FOUND, read_by, readable
 from terrapin_tools.workbench.formulas.free_curves import ROUGH, WAVES, Curve, Waves, drawn, likeliest
 from terrapin_tools.workbench.model.effect_columns import acting, loudness
-from terrapin_tools.workbench.model.fitting import Fit, fit_model
+from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.linearised import following
+from terrapin_tools.workbench.model.model import Model
 from terrapin_tools.workbench.model.priors import CURVE
+from terrapin_tools.workbench.noise.covariance import orthonormal
 from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.marginal_likelihood import Evidence
 
 __all__ = ["curved", "curves_over_time"]
 
 SETS = 3  # likeliest answers along whose motion a curve is weighed, for time
+SHARED = 0.2  # of what a parameter changes: what is left beside a curve that could take its part
+PASSES = 6  # of a refit at most
 LONGEST = 40  # letters of a column's name: with more, a curve is too long for a formula
-PASSES = 2  # of a refit, each along the motion of the one before
 CURVED = "curve"  # name of the curve as an effect of a refit
 
 
@@ -137,23 +141,99 @@ def _block(ranker: Ranker, fit: Fit, waves: Waves, target: str) -> _Block:
 
 
 def _refitted(ranker: Ranker, one: _Weighed) -> tuple[Fit, Curve]:
-    """The terms beside a curve, with the curve in the equations; and the curve along that motion."""
-    assert one.answer.fit is not None
-    fit, block, beyond = one.answer.fit, one.block, one.beyond
-    size = free_name("k", {*ranker.case.inputs, *ranker.case.fit})
+    """The terms beside a curve, with the curve in the equations, on the training runs; and the curve along that motion.
+
+    By Gauss and Newton with the curve's own prior: a spring's constant beside a curve of its length takes what it can,
+    and the curve the rest, where least squares alone would leave open what is whose.
+    """
+    answer, block, case = one.answer.fit, one.block, ranker.case
+    assert answer is not None
+    waves, names = block.waves, [f"c{i}" for i in range(WAVES)]
     model = ranker.model
     for name in one.rest:
         model = model.having(ranker.effects[name])
+    parameters = tuple(Parameter(name, "1", 0.0) for name in names)
+    model = model.having(
+        Effect(CURVED, "", "", FOUND, (case.base.name,), parameters, (), waves.formula(names), block.target)
+    )
+    bound, sigma = model.bind(case.inputs, case.train), ranker.sigma[:, None]
+    curve = np.array([f.effect == CURVED for f in model.fitted])
+    width = waves.cosines(np.full(WAVES, likeliest(one.beyond, block.columns)[2] * block.size))
+
+    def moved(theta: Array, residual: Array, base: Array, shapes: Array) -> Array:
+        """From where the curve is 0: the likeliest step of all others, and the likeliest curve."""
+        every = np.concatenate([base, shapes * width], axis=1)
+        prior = np.hstack([np.zeros((WAVES, base.shape[1])), np.eye(WAVES)])
+        found = np.linalg.lstsq(np.vstack([every, prior]), np.append(residual, np.zeros(WAVES)), rcond=None)[0]
+        new = theta.copy()
+        new[~curve] += found[:-WAVES]
+        new[curve] = found[-WAVES:] * width
+        return np.where(shared, new, np.clip(new, model.lower, model.upper))
+
+    # along the answer's motion, with what it has in the curve's place given back
+    keys = [f.key for f in answer.model.fitted]
+    known = dict(zip(keys, answer.theta, strict=True))
+    theta = np.array([known.get(f.key, 0.0) for f in model.fitted])
+    slopes = answer.jacobian.reshape(answer.residual.size, -1)
+    sizes = [next(i for i, f in enumerate(answer.model.fitted) if f.effect == n) for n in _given_back(one)]
+    residual = answer.residual.reshape(-1) + slopes[:, sizes] @ answer.theta[sizes]
+    on = np.tile(case.train[ranker.rows], len(ranker.sigma))
+    shapes = block.columns[on] / block.size / waves.cosines(np.ones(WAVES))
+    shared = _shared(ranker, answer, block, model)
+    theta = moved(theta, residual, slopes[:, [keys.index(f.key) for f in model.fitted if f.effect != CURVED]], shapes)
+    best: tuple[float, Array, Array, Array] | None = None
     for _ in range(PASSES):
-        waves, sizes = block.waves, likeliest(beyond, block.columns)[0] * block.size
-        sketch = Sketch(f"{size}*({waves.formula(sizes)})", block.target, waves.column, {}, 1.0, size)
-        whole = model.having(as_effect(sketch, ranker.case, CURVED))
-        known = {f.key: value for f, value in zip(fit.model.fitted, fit.theta, strict=True) if f.effect != CURVED}
-        start = np.array([known.get(f.key, 1.0) for f in whole.fitted])
-        fit = fit_model(whole.bind(ranker.case.inputs, ranker.case.train), ranker.train, ranker.sigma, [start])
-        values, _, _ = readable(whole, fit.theta, ranker.rows)
-        along = Waves(waves.column, "", values[waves.column], waves.factor, waves.power)
-        if not np.isfinite((again := _block(ranker, fit, along, block.target)).size):
+        prediction, slopes = bound.jacobian(theta)
+        left, scaled = (ranker.train - prediction) / sigma, slopes / sigma[..., None]
+        cost = float((left * left).sum())
+        if best is not None and not cost < best[0]:
             break
-        block, beyond = again, ranker.beyond(fit, [CURVED])
-    return fit, drawn(beyond, block.waves, block.columns, block.target, block.size, ranker.case.units)
+        best = cost, theta, left, scaled
+        flat = scaled.reshape(left.size, -1)
+        theta = moved(theta, left.reshape(-1) + flat[:, curve] @ theta[curve], flat[:, ~curve], flat[:, curve])
+    assert best is not None
+    cost, theta, left, scaled = best
+    stuck = ~shared & ((theta <= model.lower) | (theta >= model.upper))
+    at_bound = tuple(f.key for f, there in zip(model.fitted, stuck, strict=True) if there)
+    fit = Fit(bound, theta, left, scaled, ranker.sigma, cost, at_bound)
+    return fit, _picture(ranker, fit, one) or drawn(
+        one.beyond, waves, block.columns, block.target, block.size, case.units
+    )
+
+
+def _shared(ranker: Ranker, fit: Fit, block: _Block, model: Model) -> Mask:
+    """Parameters (fitted,) of the user's equations whose part a curve could take over, as a spring's constant beside a
+    curve of its length: nothing says what is whose, so their bounds say nothing."""
+    basis = orthonormal(block.columns)
+    slopes = fit.model.bind(ranker.case.inputs, ranker.rows).jacobian(fit.theta)[1] / ranker.sigma[:, None, None]
+    found = set()
+    for i, fitted in enumerate(fit.model.fitted):
+        one = slopes[..., i].reshape(-1)
+        if fitted.effect is None and np.linalg.norm(one - basis @ (basis.T @ one)) < SHARED * np.linalg.norm(one):
+            found.add(fitted.key)
+    return np.array([f.key in found for f in model.fitted])
+
+
+def _given_back(one: _Weighed) -> list[str]:
+    """What an answer has in the place of the curve."""
+    return [name for name in one.answer.effects if name not in one.rest]
+
+
+def _picture(ranker: Ranker, fit: Fit, one: _Weighed) -> Curve | None:
+    """The curve along the motion of the fit that has it; None where that goes nowhere."""
+    model, case, waves = fit.model, ranker.case, one.block.waves
+    prediction, slopes = model.bind(case.inputs, ranker.rows).jacobian(fit.theta)
+    if not np.isfinite(prediction).all():
+        return None
+    values, _, _ = readable(model, fit.theta, ranker.rows)
+    along = Waves(waves.column, "", values[waves.column], waves.factor, waves.power)
+    block = _block(ranker, fit, along, one.block.target)
+    if not np.isfinite(block.size):
+        return None
+    slopes, left = slopes / ranker.sigma[:, None, None], (ranker.values - prediction) / ranker.sigma[:, None]
+    curve, own = (np.array([f.effect == name for f in model.fitted]) for name in (CURVED, None))
+    base = np.concatenate([slopes[..., ~curve & following(fit)], ranker.analysis.nuisance], axis=-1)
+    residual = left + slopes[..., curve] @ fit.theta[curve]
+    beyond = Evidence(ranker.runs, residual, base, ranker.behind, ranker.nodes)
+    held = orthonormal(slopes[..., own & following(fit)].reshape(residual.size, -1))
+    return drawn(beyond, along, block.columns, block.target, block.size, case.units, held)

@@ -8,7 +8,7 @@ fall with the square of the order. In a rough one, as friction that turns round,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,13 +75,15 @@ class Waves:
         waves = np.sqrt(2.0) * np.cos(np.pi * np.outer(self.place(values), order)) / order**self.power
         return np.column_stack([np.ones(len(values)), waves])
 
-    def formula(self, sizes: Array) -> str:
-        """The curve of these coefficients (WAVES,) as a formula in the column."""
-        low, turn = float(self.values.min()), float(np.pi / np.ptp(self.values))
-        weights = np.append(sizes[0], sizes[1:] * np.sqrt(2.0) / np.arange(1, WAVES) ** self.power)
-        name = formula_name(self.column)
-        waves = (f"({size:.7g})*cos({order * turn:.7g}*({name} - ({low:.7g})))" for order, size in enumerate(weights))
-        return " + ".join(waves)
+    def formula(self, names: Sequence[str]) -> str:
+        """The curve as a formula in the column, with these names for the sizes of its cosines."""
+        low, turn, column = float(self.values.min()), float(np.pi / np.ptp(self.values)), formula_name(self.column)
+        each = (f"{name}*cos({order * turn:.7g}*({column} - ({low:.7g})))" for order, name in enumerate(names))
+        return " + ".join(each)
+
+    def cosines(self, coefficients: Array) -> Array:
+        """Sizes of the cosines (WAVES,) of a curve with these coefficients."""
+        return np.append(coefficients[0], coefficients[1:] * np.sqrt(2.0) / np.arange(1, WAVES) ** self.power)
 
     def place(self, values: Array) -> Array:
         return np.asarray((values - self.values.min()) / np.ptp(self.values))
@@ -133,8 +135,8 @@ class Bump(Waves):
 
 
 def likeliest(evidence: Evidence, block: Array) -> tuple[Array, Array, float]:
-    """Coefficients (WAVES,) of a block (channels * rows, WAVES), their covariance but for the variance of a row, and
-    that. What the model's own parameters may hold, a slope as well as the mean, is no part of them."""
+    """Coefficients (WAVES,) of a block (channels * rows, WAVES), their covariance (WAVES, WAVES), and the likeliest of
+    their prior sizes."""
     node, _ = evidence.likeliest()
     white = evidence.whitened(np.column_stack([block, evidence.residual]), node)
     shapes, residual = white[:, :-1], white[:, -1]
@@ -144,30 +146,41 @@ def likeliest(evidence: Evidence, block: Array) -> tuple[Array, Array, float]:
         score @ np.linalg.solve(free / size**2 + products, score) - np.linalg.slogdet(free + size**2 * products)[1]
         for size in SIZES
     ]
-    spread = np.linalg.inv(free / SIZES[int(np.argmax(gains))] ** 2 + products)
+    size = float(SIZES[int(np.argmax(gains))])
+    spread = np.linalg.inv(free / size**2 + products)
     mean = spread @ score
     left = residual - shapes @ mean
-    row = float(left @ left) / max(len(left) - shapes.shape[1], 1)
-    own = np.linalg.lstsq(block, block - evidence.flat @ (evidence.flat.T @ block), rcond=None)[0]
-    return own @ mean, own @ spread @ own.T, row
+    return mean, spread * float(left @ left) / max(len(left) - shapes.shape[1], 1), size
 
 
 def drawn(
-    evidence: Evidence, waves: Waves, block: Array, target: str, unit_size: float, units: Mapping[str, str]
+    evidence: Evidence,
+    waves: Waves,
+    block: Array,
+    target: str,
+    unit_size: float,
+    units: Mapping[str, str],
+    held: Array | None = None,
 ) -> Curve:
-    """The likeliest curve, with the sd that these data leave it.
+    """The likeliest curve, with the sd that these data leave it. What the model's own parameters may hold, a slope as
+    well as the mean, is no part of it.
 
     Parameters
     ----------
     block : (channels * rows, WAVES), what each of the waves changes, in noise sd.
     target : what the curve adds to, which is `unit_size` where a coefficient of the block is 1.
+    held : (channels * rows, P), orthonormal, what the model's own parameters change; the base of the evidence where it
+        is not given.
     """
-    mean, spread, row = likeliest(evidence, block)
+    mean, spread, _ = likeliest(evidence, block)
+    basis = evidence.flat if held is None else held
+    own = np.linalg.lstsq(block, block - basis @ (basis.T @ block), rcond=None)[0]
+    mean, spread = own @ mean, own @ spread @ own.T
     shown = waves.at(waves.values)
     middle = shown.mean(axis=0)
     x = np.linspace(waves.values.min(), waves.values.max(), POINTS)
     there = bridged(waves.at, x, waves.values) - middle
-    sd = np.sqrt(row * np.einsum("ij,jk,ik->i", there, spread, there))
+    sd = np.sqrt(np.einsum("ij,jk,ik->i", there, spread, there))
     rms = float(np.sqrt(np.mean((shown @ mean * waves.factor) ** 2)))
     return Curve(
         column=waves.column,
