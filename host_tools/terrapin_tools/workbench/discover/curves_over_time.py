@@ -33,7 +33,7 @@ __all__ = ["curved", "curves_over_time"]
 
 SETS = 3  # likeliest answers along whose motion a curve is weighed, for time
 SHARED = 0.2  # of what a parameter changes: what is left beside a curve that could take its part
-PASSES = 6  # of a refit at most
+PASSES = 10  # of a refit
 LONGEST = 40  # letters of a column's name: with more, a curve is too long for a formula
 CURVED = "curve"  # name of the curve as an effect of a refit
 
@@ -181,24 +181,26 @@ def _refitted(ranker: Ranker, one: _Weighed) -> tuple[Fit, Curve]:
     shapes = block.columns[on] / block.size / waves.cosines(np.ones(WAVES))
     shared = _shared(ranker, answer, block, model)
     theta = moved(theta, residual, slopes[:, [keys.index(f.key) for f in model.fitted if f.effect != CURVED]], shapes)
+    drawn_along = drawn(one.beyond, waves, block.columns, block.target, block.size, case.units)
     best: tuple[float, Array, Array, Array] | None = None
     for _ in range(PASSES):
         prediction, slopes = bound.jacobian(theta)
         left, scaled = (ranker.train - prediction) / sigma, slopes / sigma[..., None]
         cost = float((left * left).sum())
-        if best is not None and not cost < best[0]:
-            break
-        best = cost, theta, left, scaled
-        flat = scaled.reshape(left.size, -1)
-        theta = moved(theta, left.reshape(-1) + flat[:, curve] @ theta[curve], flat[:, ~curve], flat[:, curve])
+        if cost < (np.inf if best is None else best[0]):
+            best = cost, theta, left, scaled
+            flat = scaled.reshape(left.size, -1)
+            theta = moved(theta, left.reshape(-1) + flat[:, curve] @ theta[curve], flat[:, ~curve], flat[:, curve])
+        elif best is None:
+            return ranker.fit(one.rest), drawn_along
+        else:  # too far for what is linear
+            theta = 0.5 * (best[1] + theta)
     assert best is not None
     cost, theta, left, scaled = best
     stuck = ~shared & ((theta <= model.lower) | (theta >= model.upper))
     at_bound = tuple(f.key for f, there in zip(model.fitted, stuck, strict=True) if there)
     fit = Fit(bound, theta, left, scaled, ranker.sigma, cost, at_bound)
-    return fit, _picture(ranker, fit, one) or drawn(
-        one.beyond, waves, block.columns, block.target, block.size, case.units
-    )
+    return fit, _picture(ranker, fit, one) or drawn_along
 
 
 def _shared(ranker: Ranker, fit: Fit, block: _Block, model: Model) -> Mask:
