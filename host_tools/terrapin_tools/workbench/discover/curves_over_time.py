@@ -73,10 +73,14 @@ def curves_over_time(ranker: Ranker, ranked: Sequence[Hypothesis]) -> tuple[list
     for one in every:
         key, column = (frozenset(one.rest), one.block.waves.column), one.block.waves.column
         if one.log_weight > least and key not in found:
-            fit, curve = _refitted(ranker, one)
-            kind = "part" if one.rest else "unknown"
-            found[key] = Hypothesis(one.rest, kind, one.log_weight, fit if one.rest else None, column)
-            curves.setdefault(column, curve)
+            fit, block = _Refit(ranker, one).fit(), one.block
+            picture = _picture(ranker, fit, one) if fit is not None else None
+            picture = picture or drawn(
+                one.beyond, block.waves, block.columns, block.target, block.size, ranker.case.units
+            )
+            kind, own = ("part", fit or ranker.fit(one.rest)) if one.rest else ("unknown", None)
+            found[key] = Hypothesis(one.rest, kind, one.log_weight, own, column)
+            curves.setdefault(column, picture)
     return list(found.values()), curves
 
 
@@ -92,7 +96,7 @@ def _beside(ranker: Ranker, one: Hypothesis) -> Iterator[_Weighed]:
     blocks = {name: _blocks(ranker, one.fit, name, own) for name, own in values.items()}
     among = float(np.log(sum(map(len, blocks.values())) / CURVE))
     for column, listed in blocks.items():
-        inside = [n for n in one.effects if n in ranker.sketches and read_by(ranker.sketches[n], values) == {column}]
+        inside = [name for name in one.effects if _inside(ranker, name, values, column)]
         for given_back in [inside, []] if inside else [[]]:
             rest = tuple(name for name in one.effects if name not in given_back)
             beyond = ranker.beyond(one.fit, given_back)
@@ -140,85 +144,95 @@ def _block(ranker: Ranker, fit: Fit, waves: Waves, target: str) -> _Block:
         return _Block(waves, target, (changes / size).reshape(len(changes), -1).T, float(np.float64(1.0) / size))
 
 
-def _refitted(ranker: Ranker, one: _Weighed) -> tuple[Fit, Curve]:
-    """The terms beside a curve, with the curve in the equations, on the training runs; and the curve along that motion.
+class _Refit:
+    """The terms beside a curve with the curve in the equations, on the training runs, by Gauss and Newton with the
+    curve's own prior: a spring's constant beside a curve of its length takes what it can, and the curve the rest, where
+    least squares alone would leave open what is whose."""
 
-    By Gauss and Newton with the curve's own prior: a spring's constant beside a curve of its length takes what it can,
-    and the curve the rest, where least squares alone would leave open what is whose.
-    """
-    answer, block, case = one.answer.fit, one.block, ranker.case
-    assert answer is not None
-    waves, names = block.waves, [f"c{i}" for i in range(WAVES)]
-    model = ranker.model
-    for name in one.rest:
-        model = model.having(ranker.effects[name])
-    parameters = tuple(Parameter(name, "1", 0.0) for name in names)
-    model = model.having(
-        Effect(CURVED, "", "", FOUND, (case.base.name,), parameters, (), waves.formula(names), block.target)
-    )
-    bound, sigma = model.bind(case.inputs, case.train), ranker.sigma[:, None]
-    curve = np.array([f.effect == CURVED for f in model.fitted])
-    width = waves.cosines(np.full(WAVES, likeliest(one.beyond, block.columns)[2] * block.size))
+    def __init__(self, ranker: Ranker, one: _Weighed) -> None:
+        self.ranker, self.one, waves = ranker, one, one.block.waves
+        names = [f"c{i}" for i in range(WAVES)]
+        formula = waves.formula(names), one.block.target
+        parameters = tuple(Parameter(name, "1", 0.0) for name in names)
+        model = ranker.model
+        for name in one.rest:
+            model = model.having(ranker.effects[name])
+        self.model = model.having(Effect(CURVED, "", "", FOUND, (ranker.case.base.name,), parameters, (), *formula))
+        self.bound = self.model.bind(ranker.case.inputs, ranker.case.train)
+        self.curve = np.array([f.effect == CURVED for f in self.model.fitted])
+        self.shared = _shared(ranker, one, self.model)
+        size = likeliest(one.beyond, one.block.columns)[2] * one.block.size
+        self.width = waves.cosines(np.full(WAVES, size))
 
-    def moved(theta: Array, residual: Array, base: Array, shapes: Array) -> Array:
-        """From where the curve is 0: the likeliest step of all others, and the likeliest curve."""
-        every = np.concatenate([base, shapes * width], axis=1)
+    def fit(self) -> Fit | None:
+        """None where no start leads anywhere."""
+        assert self.one.answer.fit is not None
+        known = {f.key: v for f, v in zip(self.one.answer.fit.model.fitted, self.one.answer.fit.theta, strict=True)}
+        start = np.array([known.get(f.key, 0.0) for f in self.model.fitted])
+        starts = [self._at(start), self._at(self._first(start))]
+        best = min((fit for fit in starts if fit is not None), key=lambda fit: fit.cost, default=None)
+        if best is None:
+            return None
+        theta = self._next(best)
+        for _ in range(PASSES):
+            fit = self._at(theta)
+            if fit is not None and fit.cost < best.cost:
+                best, theta = fit, self._next(fit)
+            else:  # too far for what is linear
+                theta = 0.5 * (best.theta + theta)
+        return best
+
+    def _at(self, theta: Array) -> Fit | None:
+        prediction, slopes = self.bound.jacobian(theta)
+        sigma = self.ranker.sigma[:, None]
+        left = (self.ranker.train - prediction) / sigma
+        cost = float((left * left).sum())
+        stuck = ~self.shared & ((theta <= self.model.lower) | (theta >= self.model.upper))
+        at_bound = tuple(f.key for f, there in zip(self.model.fitted, stuck, strict=True) if there)
+        fit = Fit(self.bound, theta, left, slopes / sigma[..., None], self.ranker.sigma, cost, at_bound)
+        return fit if np.isfinite(cost) else None
+
+    def _first(self, start: Array) -> Array:
+        """One step along the answer's motion, with what it has in the curve's place given back."""
+        answer, block = self.one.answer.fit, self.one.block
+        assert answer is not None
+        keys, slopes = [f.key for f in answer.model.fitted], answer.jacobian.reshape(answer.residual.size, -1)
+        given = [name for name in self.one.answer.effects if name not in self.one.rest]
+        sizes = [next(i for i, f in enumerate(answer.model.fitted) if f.effect == name) for name in given]
+        residual = answer.residual.reshape(-1) + slopes[:, sizes] @ answer.theta[sizes]
+        on = np.tile(self.ranker.case.train[self.ranker.rows], len(self.ranker.sigma))
+        shapes = block.columns[on] / block.size / block.waves.cosines(np.ones(WAVES))
+        base = slopes[:, [keys.index(f.key) for f in self.model.fitted if f.effect != CURVED]]
+        return self._moved(start, residual, base, shapes)
+
+    def _next(self, fit: Fit) -> Array:
+        slopes = fit.jacobian.reshape(fit.residual.size, -1)
+        residual = fit.residual.reshape(-1) + slopes[:, self.curve] @ fit.theta[self.curve]
+        return self._moved(fit.theta, residual, slopes[:, ~self.curve], slopes[:, self.curve])
+
+    def _moved(self, theta: Array, residual: Array, base: Array, shapes: Array) -> Array:
+        """The likeliest step of all others, and the likeliest curve, of which the residual has nothing taken."""
+        every = np.concatenate([base, shapes * self.width], axis=1)
         prior = np.hstack([np.zeros((WAVES, base.shape[1])), np.eye(WAVES)])
         found = np.linalg.lstsq(np.vstack([every, prior]), np.append(residual, np.zeros(WAVES)), rcond=None)[0]
         new = theta.copy()
-        new[~curve] += found[:-WAVES]
-        new[curve] = found[-WAVES:] * width
-        return np.where(shared, new, np.clip(new, model.lower, model.upper))
-
-    # along the answer's motion, with what it has in the curve's place given back
-    keys = [f.key for f in answer.model.fitted]
-    known = dict(zip(keys, answer.theta, strict=True))
-    theta = np.array([known.get(f.key, 0.0) for f in model.fitted])
-    slopes = answer.jacobian.reshape(answer.residual.size, -1)
-    sizes = [next(i for i, f in enumerate(answer.model.fitted) if f.effect == n) for n in _given_back(one)]
-    residual = answer.residual.reshape(-1) + slopes[:, sizes] @ answer.theta[sizes]
-    on = np.tile(case.train[ranker.rows], len(ranker.sigma))
-    shapes = block.columns[on] / block.size / waves.cosines(np.ones(WAVES))
-    shared = _shared(ranker, answer, block, model)
-    theta = moved(theta, residual, slopes[:, [keys.index(f.key) for f in model.fitted if f.effect != CURVED]], shapes)
-    drawn_along = drawn(one.beyond, waves, block.columns, block.target, block.size, case.units)
-    best: tuple[float, Array, Array, Array] | None = None
-    for _ in range(PASSES):
-        prediction, slopes = bound.jacobian(theta)
-        left, scaled = (ranker.train - prediction) / sigma, slopes / sigma[..., None]
-        cost = float((left * left).sum())
-        if cost < (np.inf if best is None else best[0]):
-            best = cost, theta, left, scaled
-            flat = scaled.reshape(left.size, -1)
-            theta = moved(theta, left.reshape(-1) + flat[:, curve] @ theta[curve], flat[:, ~curve], flat[:, curve])
-        elif best is None:
-            return ranker.fit(one.rest), drawn_along
-        else:  # too far for what is linear
-            theta = 0.5 * (best[1] + theta)
-    assert best is not None
-    cost, theta, left, scaled = best
-    stuck = ~shared & ((theta <= model.lower) | (theta >= model.upper))
-    at_bound = tuple(f.key for f, there in zip(model.fitted, stuck, strict=True) if there)
-    fit = Fit(bound, theta, left, scaled, ranker.sigma, cost, at_bound)
-    return fit, _picture(ranker, fit, one) or drawn_along
+        new[~self.curve] += found[:-WAVES]
+        new[self.curve] = found[-WAVES:] * self.width
+        return np.where(self.shared, new, np.clip(new, self.model.lower, self.model.upper))
 
 
-def _shared(ranker: Ranker, fit: Fit, block: _Block, model: Model) -> Mask:
+def _shared(ranker: Ranker, one: _Weighed, model: Model) -> Mask:
     """Parameters (fitted,) of the user's equations whose part a curve could take over, as a spring's constant beside a
     curve of its length: nothing says what is whose, so their bounds say nothing."""
-    basis = orthonormal(block.columns)
+    fit, found = one.answer.fit, set[str]()
+    assert fit is not None
+    basis = orthonormal(one.block.columns)
     slopes = fit.model.bind(ranker.case.inputs, ranker.rows).jacobian(fit.theta)[1] / ranker.sigma[:, None, None]
-    found = set()
     for i, fitted in enumerate(fit.model.fitted):
-        one = slopes[..., i].reshape(-1)
-        if fitted.effect is None and np.linalg.norm(one - basis @ (basis.T @ one)) < SHARED * np.linalg.norm(one):
+        own = slopes[..., i].reshape(-1)
+        if fitted.effect is None and np.linalg.norm(own - basis @ (basis.T @ own)) < SHARED * np.linalg.norm(own):
             found.add(fitted.key)
     return np.array([f.key in found for f in model.fitted])
-
-
-def _given_back(one: _Weighed) -> list[str]:
-    """What an answer has in the place of the curve."""
-    return [name for name in one.answer.effects if name not in one.rest]
 
 
 def _picture(ranker: Ranker, fit: Fit, one: _Weighed) -> Curve | None:
@@ -233,9 +247,16 @@ def _picture(ranker: Ranker, fit: Fit, one: _Weighed) -> Curve | None:
     if not np.isfinite(block.size):
         return None
     slopes, left = slopes / ranker.sigma[:, None, None], (ranker.values - prediction) / ranker.sigma[:, None]
-    curve, own = (np.array([f.effect == name for f in model.fitted]) for name in (CURVED, None))
-    base = np.concatenate([slopes[..., ~curve & following(fit)], ranker.analysis.nuisance], axis=-1)
+    curve, free = np.array([f.effect == CURVED for f in model.fitted]), following(fit)
+    base = np.concatenate([slopes[..., ~curve & free], ranker.analysis.nuisance], axis=-1)
     residual = left + slopes[..., curve] @ fit.theta[curve]
     beyond = Evidence(ranker.runs, residual, base, ranker.behind, ranker.nodes)
-    held = orthonormal(slopes[..., own & following(fit)].reshape(residual.size, -1))
+    alike = {None, *(name for name in one.rest if _inside(ranker, name, values, waves.column))}
+    own = np.array([f.effect in alike for f in model.fitted])
+    held = orthonormal(slopes[..., own & free].reshape(residual.size, -1))
     return drawn(beyond, along, block.columns, block.target, block.size, case.units, held)
+
+
+def _inside(ranker: Ranker, name: str, values: Mapping[str, Array], column: str) -> bool:
+    """Whether an effect is a formula in a column alone."""
+    return name in ranker.sketches and read_by(ranker.sketches[name], values) == {column}
