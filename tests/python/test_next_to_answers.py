@@ -33,7 +33,9 @@ def test_what_stands_and_is_no_twin_of_another_has_neighbours(
     found = [_answer("ab", 5.0, 9.0), _answer("a", 0.0, 1.0), _answer("b", -1.0, 1.9), _answer("c", -2.5, 2.1)]
     found.append(Hypothesis((), "nothing", -50.0, None))
     case = SimpleNamespace(base=SimpleNamespace(whole_runs=whole_runs), dynamics=dynamics, inputs={})
-    ranker: Any = SimpleNamespace(case=case, rows=np.ones(2, dtype=bool), sigma=np.ones(1), sketches={}, faults={})
+    ranker: Any = SimpleNamespace(
+        case=case, rows=np.ones(2, dtype=bool), sigma=np.ones(1), sketches={}, faults={}, report=lambda _: None
+    )
     centres: list[str] = []
 
     def next_to(_: object, centre: Hypothesis) -> list[tuple[str, ...]]:

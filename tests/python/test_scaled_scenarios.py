@@ -105,11 +105,10 @@ def test_the_floor_that_the_cylinder_takes() -> None:
     assert way < floor_of("cylinder") < way + 1.0
 
 
+@pytest.mark.parametrize("robot", ["sphere"], indirect=True)  # the others' motors do not overcome so much
 @pytest.mark.parametrize(("coulomb", "viscous"), [(2.5, 0.02), (4.0, 0.02), (0.6, 0.25)])
 def test_a_calibration_of_much_friction(robot: Robot, coulomb: float, viscous: float) -> None:
     """Torques were held at 2 N m: of more friction it found 1.9 N m and no B at all, and reported `calibrated`."""
-    if robot.name != "sphere":
-        pytest.skip("its motor does not overcome so much")
     changes = {"robot.coulomb": coulomb, "robot.viscous": viscous}
     result = run(load_scenario(find_scenario("floor_calibration"), changes))
     told = result.telemetry["CALIBRATION"]

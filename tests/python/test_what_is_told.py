@@ -75,7 +75,11 @@ def _left(taken: float) -> float:
     return float(np.sqrt(1.0 - taken))
 
 
-def test_beside_a_curve_a_part_that_takes_nearly_as_much_is_told(given_errors: Any) -> None:
+def test_beside_a_curve_a_part_that_takes_nearly_as_much_is_told(
+    given_errors: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with_curve: list[object] = []
+    monkeypatch.setattr(decide, "curved", lambda fit: fit in with_curve)
     top = _set("a", "b", parameters=4, left=_left(0.8))
     small, less, other, formula, gone, same = (
         _set("a", parameters=2, left=_left(0.71)), _set("b", parameters=3, left=_left(0.69)),
@@ -90,6 +94,8 @@ def test_beside_a_curve_a_part_that_takes_nearly_as_much_is_told(given_errors: A
     of_formulas = _set("expression_1", kind="expression", parameters=2, left=_left(0.8))
     texts = {"expression_1": "k*x"}
     assert decide._worth(given_errors, _ranking(of_formulas, other, expressions=texts), of_formulas) is other
+    with_curve.append(of_formulas.fit)  # what it takes is taken with the curve
+    assert decide._worth(given_errors, _ranking(of_formulas, other, expressions=texts), of_formulas) is of_formulas
 
 
 def test_what_is_known_is_told_where_it_halves_the_heldout_error(given_errors: Any) -> None:
