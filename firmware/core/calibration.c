@@ -17,8 +17,8 @@ enum { OMEGA_MAX_URAD_S = 0x2800000, TORQUE_MAX_UNM = 0x2000000, SLOPE_BITS = 19
 enum { OMEGA_MAX_URAD_S = 0xD80000, TORQUE_MAX_UNM = 0x6000000, SLOPE_BITS = 17 };
 #endif
 _Static_assert((int32_t)TORQUE_MAX_UNM >= TERRAPIN_LIMIT_TORQUE_FULL_SCALE, "held where no motor reaches");
-_Static_assert(((int64_t)32 * ((int32_t)OMEGA_MAX_URAD_S / 1000) * (int32_t)TORQUE_MAX_UNM) <
-                   (((int64_t)1 << 62) / 100000),
+/* 46116860184273: 2^62 / 100000 */
+_Static_assert(((((int64_t)32 * (int64_t)OMEGA_MAX_URAD_S) / 1000) * (int64_t)TORQUE_MAX_UNM) < 46116860184273,
                "what fit_viscous divides is within what integer_divide takes");
 
 enum {
