@@ -315,8 +315,8 @@ def _partial(found: Findings, part: Part, missing: str, units: Mapping[str, str]
         )
     at = f"{part.at.variable} {span(part.at.low, part.at.high)}{behind(units.get(part.at.variable, ''))}"
     return (
-        f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; "
-        f"{in_sd(part.left)} noise sd are left in all, largest at {at}. {more}"
+        f"Mostly {missing}: {terms} {percent(part.takes)} of the misfit; {in_sd(part.left)} noise sd are left in all, "
+        f"largest at {at}. {more}"
     )
 
 
@@ -410,13 +410,13 @@ def unsure(
 ) -> tuple[str, ...]:
     """Why an answer is not sure: parameters `at_bound` that the data pull beyond, those of `formulas` by the effect's
     name; `restless` has the channels with how many times the scatter from row to row they keep."""
-    found = []
+    found, known = [], formulas or {}
     for key in at_bound:
         effect, _, name = key.rpartition(".")
-        if effect in (formulas or {}):
+        if effect in known:
             found.append(
-                f"{name} of {(formulas or {})[effect]} stands at the end of what was looked at and would go beyond: "
-                "it is this law only nearly, or another one."
+                f"{name} of {known[effect]} stands at the end of what was looked at and would go beyond: it is this "
+                "law only nearly, or another one."
             )
         else:
             found.append(
