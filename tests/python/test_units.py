@@ -120,13 +120,13 @@ def test_a_number_alone_has_the_unit_1() -> None:
 
 
 @pytest.mark.parametrize(
-    ("unit", "factor"), [("degF", 5 / 9), ("degreeC", 1.0), ("delta_degF", 5 / 9), ("degR", 5 / 9)]
+    ("unit", "factor"), [("degF", 5 / 9), ("degRe", 1.25), ("degreeC", 1.0), ("delta_degF", 5 / 9), ("degR", 5 / 9)]
 )
 def test_a_temperature_scale_is_scaled_as_a_difference_and_its_zero_is_told(unit: str, factor: float) -> None:
-    """A scale in kelvin steps with another zero is no SI unit, though its factor is 1."""
+    """By whichever of its names, degC is what formulas know, and a scale with another zero is taken to it."""
     assert si_factor(unit) == pytest.approx(factor, rel=1e-12)
-    assert in_si(unit) == "K"
-    assert shifted(unit) == (unit in ("degF", "degreeC"))
+    assert in_si(unit) == ("degC" if unit in ("degF", "degRe", "degreeC") else "K")
+    assert shifted(unit) == (unit in ("degF", "degRe"))
 
 
 @pytest.mark.parametrize(

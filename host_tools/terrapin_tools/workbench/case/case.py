@@ -5,7 +5,7 @@ Anything wrong is a UserError of one line: file, line or row, field, what was fo
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -23,11 +23,11 @@ from terrapin_tools.workbench.bases.kinds.base import GAIN, Dynamics
 from terrapin_tools.workbench.case.columns import Measurements, read_measurements
 from terrapin_tools.workbench.case.dynamics import check_dynamics, read_dynamics, with_states
 from terrapin_tools.workbench.case.effect_units import contradiction
-from terrapin_tools.workbench.case.effects import read_library, sound
+from terrapin_tools.workbench.case.effects import OWN, read_library, sound
 from terrapin_tools.workbench.case.goal import read_goal
 from terrapin_tools.workbench.case.groups import read_shares
 from terrapin_tools.workbench.case.instruments import channel_delays, zero_points
-from terrapin_tools.workbench.case.intake import beyond, guesses
+from terrapin_tools.workbench.case.intake import beyond, differences, guesses
 from terrapin_tools.workbench.case.mechanics import Told, mechanics_of
 from terrapin_tools.workbench.case.rig_limits import read_limits
 from terrapin_tools.workbench.files.tables import Table
@@ -39,7 +39,7 @@ from terrapin_tools.workbench.files.toml_tables import (
     read_case_text,
     read_estimate,
 )
-from terrapin_tools.workbench.files.units import in_si, quantity, same_kind, shifted, si_factor
+from terrapin_tools.workbench.files.units import CELSIUS, in_si, quantity, same_kind, shifted, si_factor
 
 __all__ = ["Case", "load_case", "parse_case", "require_effect"]
 
@@ -142,7 +142,10 @@ def parse_case(folder: Path, text: str, held: Mapping[str, Table] | None = None)
     dynamics = read_dynamics(tables, base, measured)
     base = with_states(base, dynamics)
     library, effect_names = read_library(folder, tables, base, _mechanics(tables, measured, base))
-    parameters, parameter_units, options = _constants(tables, base, library, effect_names)
+    formulas = _formulas(measured, dynamics, library)
+    on_scale = _on_scale(tables, measured, dynamics)
+    beside = {name for formula in formulas if formula.names & on_scale for name in formula.names}
+    parameters, parameter_units, options = _constants(tables, base, library, effect_names, beside)
     fit = _estimates(tables, base, parameters)
     for name, known in base.parameters.items():
         if known.default is not None and name not in fit and name not in parameters:
@@ -152,9 +155,10 @@ def parse_case(folder: Path, text: str, held: Mapping[str, Table] | None = None)
         names = {*measured.roles, *measured.extra, *parameters, *fit}
         check_dynamics(dynamics, base, measured, units, names, complain)
         units |= {name: state.unit for name, state in dynamics.states.items() if state.unit}
-    _check_celsius({("model", "measured" if dynamics else "equation"): measured.equations}, measured.units, complain)
+    scales = {**measured.units, **parameter_units}
+    _check_celsius({("model", "measured" if dynamics else "equation"): measured.equations}, scales, complain)
     if dynamics is not None:
-        _check_celsius({("model", "derivative"): dynamics.derivative}, measured.units, complain)
+        _check_celsius({("model", "derivative"): dynamics.derivative}, scales, complain)
     limits = read_limits(tables, base, measured.units, measured.extra, measured.column_of)
     more = {} if dynamics is None else {**{n: s.unit for n, s in dynamics.states.items()}, **base.forces}
     case = Case(
@@ -178,7 +182,11 @@ def parse_case(folder: Path, text: str, held: Mapping[str, Table] | None = None)
         by=read_shares(tables, measured.groups),
         guessed=_guessed(tables),
         held=held,
-        **{**vars(measured), "units": {**more, **measured.units}},
+        **{
+            **vars(measured),
+            "units": {**more, **measured.units},
+            "remarks": (*measured.remarks, *differences(formulas, units, on_scale)),
+        },
     )
     _check_names(case, complain)
     return case
@@ -226,10 +234,25 @@ def _notes(folder: Path, tables: Tables) -> str:
         raise tables.complain(f"found {name!r}, expected a readable text file in the case", "case", "notes") from None
 
 
+def _formulas(measured: Measurements, dynamics: Dynamics | None, library: Mapping[str, Effect]) -> list[Expression]:
+    """All formulas that the user wrote."""
+    own = (parse(effect.expression) for effect in library.values() if effect.source == OWN)
+    return [*measured.equations.values(), *(dynamics.derivative.values() if dynamics else ()), *own]
+
+
+def _on_scale(tables: Tables, measured: Measurements, dynamics: Dynamics | None) -> set[str]:
+    """Columns, states and fitted names, as formulas call them, that are temperatures in degC."""
+    units = {formula_name(name): unit for name, unit in measured.units.items()}
+    units |= {name: state.unit for name, state in (dynamics.states if dynamics else {}).items()}
+    units |= {name: str(tables.get("fit", name, "unit", default="")) for name in tables.table("fit")}
+    return {name for name, unit in units.items() if unit in CELSIUS}
+
+
 def _constants(
-    tables: Tables, base: Base, library: Mapping[str, Effect], effect_names: frozenset[str]
+    tables: Tables, base: Base, library: Mapping[str, Effect], effect_names: frozenset[str], beside: Collection[str]
 ) -> tuple[dict[str, float], dict[str, str], dict[str, str]]:
-    """[parameters]: numbers in SI, their units as far as known, and the options."""
+    """[parameters]: numbers in SI, their units as far as known, and the options. A temperature is in degC where it
+    stands `beside` one that is, else in K."""
     known = {**{formula_name(role): unit for role, unit in ROLES.items()}, **base.units}
     flags: set[str] = set()
     for effect in library.values():
@@ -249,7 +272,7 @@ def _constants(
             unit = known[name].replace("^n", f"^{_exponent(tables)}")
             values[name], units[name] = tables.number(unit, *path), unit
         elif base.own_names or name in effect_names:
-            values[name], unit_text = _free_number(tables, *path)
+            values[name], unit_text = _free_number(tables, "degC" if name in beside else "kelvin", *path)
             if unit_text:
                 units[name] = unit_text
         else:
@@ -270,14 +293,15 @@ def _exponent(tables: Tables) -> float:
         raise tables.complain(f"found {shorten(value)}, expected a number", "parameters", "n") from None
 
 
-def _free_number(tables: Tables, *path: str) -> tuple[float, str]:
-    """A constant of the user's own: a number is SI; text carries its unit and is taken to SI."""
+def _free_number(tables: Tables, scale: str, *path: str) -> tuple[float, str]:
+    """A constant of the user's own: a number is SI; text carries its unit and is taken to SI, what is in degC to
+    `scale`."""
     value = tables.get(*path)
     if isinstance(value, str):
         _, _, unit = value.strip().partition(" ")
         try:
             base_unit = in_si(unit) or "1"
-            base_unit = "kelvin" if base_unit == "degC" else base_unit
+            base_unit = scale if base_unit == "degC" else base_unit
             return quantity(value, base_unit), base_unit
         except (TypeError, ValueError, ArithmeticError) as error:
             raise tables.complain(str(error), *path) from None
@@ -298,12 +322,10 @@ def _estimates(tables: Tables, base: Base, constants: Mapping[str, float]) -> di
         else:
             unit = base.units[name].replace("^n", f"^{_exponent(tables)}")
         estimates[name] = read_estimate(tables, path, unit)
+        if unit and shifted(unit):
+            expected = "degC, or K for a difference"
+            raise tables.complain(f"found {unit!r}, whose zero is not that of SI, expected {expected}", *path, "unit")
         if base.own_dynamics and unit:
-            if shifted(unit):
-                expected = "degC, or K for a difference"
-                raise tables.complain(
-                    f"found {unit!r}, whose zero is not that of SI, expected {expected}", *path, "unit"
-                )
             estimates[name] = _taken_to_si(estimates[name])
     return estimates
 
@@ -368,6 +390,12 @@ def _scales(
         if not same_kind(found, units[channel]):
             raise complain(f"{expression} is in {found}, expected {units[channel]}", *path)
     names = {*equations, *(name for e in equations.values() for name in e.names)}
+    if odd := next((name for name in sorted(names) if shifted(units[name])), None):
+        raise complain(
+            f"{odd} is in {units[odd]}, whose zero no factor takes to SI, expected degC (an entry of [data.derived] "
+            "converts a column)",
+            "model", "equation", next(iter(equations)),
+        )  # fmt: skip
     return {name: si_factor(units[name]) for name in names}
 
 

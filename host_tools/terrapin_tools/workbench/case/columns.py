@@ -208,7 +208,7 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
         unit = tables.text(*path, "unit", default="1" if free else None)
         with tables.about(*path, "unit"):
             units.check(unit)
-            canonical = units.in_si(unit) if base.own_dynamics else unit if free else CHANNELS.get(name) or ROLES[name]
+            canonical = _canonical(base, name, unit)
             if not units.same_kind(unit, canonical):
                 spelt = units.spelling(unit)  # Nm is a yarn's number to pint
                 meant = f" (is {spelt!r} meant?)" if spelt != unit and units.same_kind(spelt, canonical) else ""
@@ -239,6 +239,13 @@ def _columns(tables: Tables, base: Base, equations: Mapping[str, Expression]) ->
                 *("data", "columns", own.name, "column"),
             )
     return mapped
+
+
+def _canonical(base: Base, name: str, unit: str) -> str:
+    """The unit in which a column's numbers are held; those of an `equation` stay as the file has them."""
+    if not base.own_names:
+        return CHANNELS.get(name) or ROLES[name]
+    return units.in_si(unit) if base.own_dynamics or unit in units.CELSIUS else unit
 
 
 def _role(tables: Tables, path: tuple[str, ...], before: list[Mapped]) -> str:

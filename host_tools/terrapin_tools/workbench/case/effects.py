@@ -140,10 +140,10 @@ def _own_parameter(tables: Tables, base: Base, path: tuple[str, ...]) -> Paramet
     unit = tables.text(*path, "unit", default=OPEN)
     with tables.about(*path, "unit"):
         units.check(unit)
+        if unit and units.shifted(unit):
+            raise ValueError(f"found {unit!r}, whose zero is not that of SI, expected degC, or K for a difference")
         if (base.own_names and not base.own_dynamics) or not unit:
             factor, spelt = 1.0, unit or OPEN
-        elif units.shifted(unit):
-            raise ValueError(f"found {unit!r}, whose zero is not that of SI, expected degC, or K for a difference")
         else:
             factor = units.si_factor(unit)
             spelt = unit if factor == 1.0 else plain(read_unit(unit))

@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
+from terrapin_hil.physics.expression import Expression
 from terrapin_tools.workbench.case.mends import Mend
 from terrapin_tools.workbench.files.format import meant, parted
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, in_si, spelling, turns
 
 __all__ = [
-    "BOTH_WAYS", "MARK", "Mapped", "again", "assumed", "beyond", "converted", "copied", "echoes", "gaps", "guesses",
-    "headings", "ungrouped", "unsigned",
+    "BOTH_WAYS", "MARK", "Mapped", "again", "assumed", "beyond", "converted", "copied", "differences", "echoes", "gaps",
+    "guesses", "headings", "ungrouped", "unsigned",
 ]  # fmt: skip
 
 MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
@@ -111,13 +112,27 @@ def headings(mapped: Sequence[Mapped], tables: Sequence[Table]) -> list[str]:
     found = []
     for e in mapped:
         heading = next((one for table in tables if (one := meant(e.column, table.columns))), "")
-        own = spelling(parted(heading)[1]) or e.unit
+        said = parted(heading)[1]
+        own = spelling(said) if said else e.unit
         with suppress(ValueError):  # what no unit is, or of another kind: `acc [g]` may be taken for gravity's
             if e.unit == "1" and convert(1000.0, own, in_si(own)) != 1000.0:
                 found.append(f"{e.name}: read without a unit, and the column's heading says {own}.")
             elif not np.isclose(convert(1000.0, own, e.canonical), convert(1000.0, e.unit, e.canonical), rtol=1e-6):
                 found.append(f"{e.name}: read as {e.unit}, and the column's heading says {own}.")
     return found
+
+
+def differences(formulas: Sequence[Expression], units: Mapping[str, str], on_scale: Collection[str]) -> list[str]:
+    """What stands in kelvin beside a temperature in degC: no unit tells whether it is a temperature, too."""
+    found = {}
+    for formula in formulas:
+        for name in sorted(formula.names - formula.divisors):
+            if (others := sorted(formula.names & {*on_scale})) and units.get(name) in ("K", "kelvin"):
+                found[name] = (
+                    f"{name} is in K and {others[0]}, in the same formula, in degC: {name} counts as a difference "
+                    f"there. If it is a temperature, state it in degC, or {others[0]} in K."
+                )
+    return [*found.values()]
 
 
 def unsigned(values: Mapping[str, Array], told: Mapping[str, str]) -> list[str]:

@@ -21,6 +21,7 @@ from terrapin_hil.units import read_unit, same_kind
 from terrapin_hil.units import units as registry
 
 __all__ = [
+    "CELSIUS",
     "behind_words",
     "check",
     "convert",
@@ -38,7 +39,7 @@ __all__ = [
 Numbers = TypeVar("Numbers", float, npt.NDArray[np.float64])
 
 
-CELSIUS = ("degC", "celsius", "degree_Celsius")
+CELSIUS = ("degC", "celsius", "degree_Celsius", "degreeC", "\u00b0C")
 LARGEST = 1e100  # of a number in a case: its square is still a number
 
 
@@ -188,14 +189,16 @@ def _in_base(value: float, unit: str) -> float:
 
 
 def in_si(unit: str) -> str:
-    """The coherent SI unit of the same kind; degC stays, for formulas know it.
+    """The coherent SI unit of the same kind; a temperature on a scale is in degC, which formulas know.
 
-    >>> in_si("rpm"), in_si("degC"), in_si("")
-    ('rad/s', 'degC', '')
+    >>> in_si("rpm"), in_si("degC"), in_si("degF"), in_si("")
+    ('rad/s', 'degC', 'degC', '')
     """
-    if unit.strip() in ("", *CELSIUS):
-        return unit.strip() and "degC"
-    if si_factor(unit) == 1.0 and not shifted(unit):
+    if not unit.strip():
+        return ""
+    if unit.strip() in CELSIUS or shifted(unit):
+        return "degC"
+    if si_factor(unit) == 1.0:
         return unit
     return f"{registry().Quantity(1.0, read_unit(unit)).to_base_units().units:~C}".replace("**", "^") or "1"
 
