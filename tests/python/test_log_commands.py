@@ -23,18 +23,11 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import description_of
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
+from tests.command import terrapin
 from tests.own_bus import own_multicast, unread
 from tests.waiting import BOUND, wait_for
 
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
-
-
-def terrapin(*arguments: object, status: int = 0) -> subprocess.CompletedProcess[str]:
-    command = [TERRAPIN, *map(str, arguments)]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == status, done.stderr
-    assert "Traceback" not in done.stderr
-    return done
 
 
 @pytest.fixture(scope="module")

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import can
@@ -17,8 +15,8 @@ from mcap.reader import make_reader
 import terrapin_tools as terrapin
 from terrapin_hil import paths
 from terrapin_hil.messages import interface
-from terrapin_tools.cli import main
 from terrapin_tools.logs.reading import LogReader, read_log
+from tests import command
 
 
 @pytest.fixture(scope="module")
@@ -83,14 +81,11 @@ def _group(mdf: object, name: str) -> int:
     return next(i for i, group in enumerate(groups) if group.channel_group.acq_name == name)
 
 
-def test_parquet(log: terrapin.Log, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parquet(log: terrapin.Log, tmp_path: Path) -> None:
     frames = pyarrow.parquet.read_table(log.save(tmp_path / "frames.parquet"))
     assert frames.schema.metadata[b"dbc"] == paths.dbc().read_bytes()
     to = tmp_path / "signals.parquet"
-    monkeypatch.setattr("sys.argv", ["terrapin", "log", "convert", str(log.path), str(to), "--period", "10 ms"])
-    with pytest.raises(SystemExit) as ended:
-        main()
-    assert ended.value.code == 0
+    command.terrapin("log", "convert", log.path, to, "--period", "10 ms")
     table = pyarrow.parquet.read_table(to)
     assert table.schema.field("GROUND.torque").metadata[b"unit"] == b"N m"
     numbers, words = table["STATUS.state"].to_pylist(), table["STATUS.state_word"].to_pylist()
@@ -145,18 +140,10 @@ def test_a_strangers_mcap_is_one_line(tmp_path: Path) -> None:
     assert "\n" not in str(caught.value)
 
 
-def command(*words: object, status: int = 0) -> str:
-    """What the command complains of."""
-    call = [sys.executable, "-c", "from terrapin_tools.cli import main; main()", *map(str, words)]
-    done = subprocess.run(call, capture_output=True, text=True, timeout=300, check=False)
-    assert done.returncode == status, done.stderr
-    return done.stderr
-
-
 def test_ros_2_bag(log: terrapin.Log, tmp_path: Path) -> None:
     """Opened by rosbags, with no type known beforehand: names, units, words for values as constants, frames."""
     rosbags = pytest.importorskip("rosbags.highlevel")
-    command("log", "convert", log.path, tmp_path / "x.rosbag2")
+    command.terrapin("log", "convert", log.path, tmp_path / "x.rosbag2")
     with rosbags.AnyReader([tmp_path / "x.rosbag2"]) as reader:
         known = {connection.topic: connection for connection in reader.connections}
         assert reader.typestore is not None
@@ -176,10 +163,11 @@ def test_ros_2_bag(log: terrapin.Log, tmp_path: Path) -> None:
         "unit.", ""
     )
     again = ("log", "convert", log.path, tmp_path / "x.rosbag2")
-    assert "exists already" in command(*again, status=2)
-    command(*again, "--force")
+    assert "exists already" in command.terrapin(*again, status=2).stderr
+    command.terrapin(*again, "--force")
     (tmp_path / "own.rosbag2").mkdir()
-    assert "no bag" in command("log", "convert", log.path, tmp_path / "own.rosbag2", "--force", status=2)
+    into_own = ("log", "convert", log.path, tmp_path / "own.rosbag2", "--force")
+    assert "no bag" in command.terrapin(*into_own, status=2).stderr
 
 
 def test_signals_beside_the_frames_of_an_mf4_are_no_lost_rows(log: terrapin.Log, tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
 import json
 import random
 import signal
@@ -13,7 +12,7 @@ import threading
 import tomllib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from unittest import mock
 
@@ -27,34 +26,20 @@ from terrapin_hil.links.link import LinkError
 from terrapin_hil.links.slcan import ControllerProcess, SlcanPort
 from terrapin_hil.links.wire import SlcanLink
 from terrapin_hil.messages import Frame, Sender, interface
-from terrapin_tools.cli import main
 from terrapin_tools.errors import UserError
 from terrapin_tools.param.files import raw_of, read_file, to_toml
 from terrapin_tools.param.session import Session
+from tests import command
+from tests.command import Done
 
 TERRAPIN = str(Path(sys.executable).parent / "terrapin")
 PARAMETERS = interface().parameters
 RADIUS = PARAMETERS["radius"]
 
 
-@dataclass
-class Done:
-    stdout: str
-    stderr: str
-
-
 def terrapin(*arguments: object, status: int = 0) -> Done:
-    """`terrapin param` in this process: a process of its own takes a second to import everything."""
-    out, err = io.StringIO(), io.StringIO()
-    with (
-        mock.patch.object(sys, "argv", ["terrapin", "param", *map(str, arguments)]),
-        contextlib.redirect_stdout(out),
-        contextlib.redirect_stderr(err),
-        pytest.raises(SystemExit) as stopped,
-    ):
-        main()
-    assert stopped.value.code == status, err.getvalue()
-    return Done(out.getvalue(), err.getvalue())
+    """What `terrapin param` says."""
+    return command.terrapin("param", *arguments, status=status)
 
 
 @contextmanager
