@@ -35,7 +35,8 @@ FOLDERS = ["tests", "hil", "host_tools", "firmware/terrapin_interface"]  # that 
 NO_TESTS = 5  # pytest's exit status
 # Examples of the door run in tests/python/test_door.py, with its names at hand and in a folder of their own.
 DOOR = "--ignore=host_tools/terrapin_tools/door"
-PYTEST = ["-q", "--doctest-modules", DOOR, "--durations=20", "--durations-min=5"]
+# No test needs the plugin of schemathesis, which each worker would import.
+PYTEST = ["-q", "-p", "no:schemathesis", "--doctest-modules", DOOR, "--durations=20", "--durations-min=5"]
 
 
 def probe(function: str) -> bool:

@@ -10,7 +10,10 @@ A file's tests stay in one process, so that they share what its fixtures made; t
 
 from __future__ import annotations
 
+import gc
+import re
 import tomllib
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -29,15 +32,15 @@ def rest() -> dict[str, str]:
     return listed
 
 
-def covers(entry: str, name: str) -> bool:
-    """Whether the test or file `name` is `entry`, or stands in it."""
-    return name == entry or name.startswith((f"{entry}/", f"{entry}::", f"{entry}["))
+def above(name: str) -> set[str]:
+    """A test or file, by pytest's name of it, and all that it stands in: folders, file, test without its parameters."""
+    return {name, *(name[: end.start()] for end in re.finditer(r"/|::|\[", name))}
 
 
 @cache
 def tier(name: str) -> str:
     """The tier of a test, or of all that a file holds, by pytest's name of it."""
-    return "rest" if any(covers(entry, name) for entry in rest()) else "test"
+    return "rest" if above(name) & rest().keys() else "test"
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -64,12 +67,23 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Read by each worker, run by none: files of the rest alone, and what is no test and has no examples."""
-    if collection_path.suffix != ".py" or not collection_path.is_relative_to(LIST.parents[1]):
+    if collection_path.suffix != ".py" or not collection_path.is_relative_to(LIST.parents[2]):
         return None
     if not collection_path.name.startswith("test_"):
         return b">>> " not in collection_path.read_bytes() or None
     name = collection_path.relative_to(LIST.parents[2]).as_posix()
     return (config.getoption("--tier") == "test" and tier(name) == "rest") or None
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Iterator[None]:
+    """What was imported and collected stays until the end: the garbage collector goes over it in no round."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
