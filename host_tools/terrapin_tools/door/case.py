@@ -363,7 +363,8 @@ class Case:
         names = [one for given in listed for one in given]
         for one in names:
             if not isinstance(one, str):
-                raise UserError(f"add: found {one!r}, expected the name of an effect, or an Effect")
+                found = "an Answer, whose `missing` it takes" if isinstance(one, Answer) else repr(one)
+                raise UserError(f"add: found {found}, expected the name of an effect, or an Effect")
         if not names:
             raise UserError("add: found no effect, expected one at least")
         own = {str(one): one.own for one in names if isinstance(one, Effect) and one.own is not None}

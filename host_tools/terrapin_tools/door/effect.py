@@ -11,14 +11,24 @@ from terrapin_tools.door.named import Named
 from terrapin_tools.errors import UserError, for_programs
 from terrapin_tools.workbench.case.changes import OwnEffect, OwnParameter
 
-__all__ = ["Effect", "numbers"]
+__all__ = ["Effect", "numbers", "plain"]
+
+
+def plain(given: Any) -> Any:
+    """The same, with Python's numbers and lists for NumPy's."""
+    if isinstance(given, tuple | list):
+        return [plain(one) for one in given]
+    return given.tolist() if hasattr(given, "tolist") else given
 
 
 def numbers(name: str, given: Any) -> tuple[float, float | None, float | None, str]:
     """START, or (START, MIN, MAX) or (START, MIN, MAX, UNIT); a bound is None where there is none, as it is where one
     is infinite. UserError names `name`."""
+    from terrapin_tools.workbench.files.units import spelling
+
     shape = "START, (START, MIN, MAX) or (START, MIN, MAX, UNIT)"
-    parts = list(given) if isinstance(given, tuple | list) else [given]
+    simple = plain(given)
+    parts = simple if isinstance(simple, list) else [simple]
     if len(parts) not in (1, 3, 4):
         raise UserError(f"{name}: found {given!r}, expected {shape}")
     values = [*parts[:3], None, None][:3]
@@ -27,7 +37,7 @@ def numbers(name: str, given: Any) -> tuple[float, float | None, float | None, s
     if not sound or values[0] is None or not isinstance(unit, str):
         raise UserError(f"{name}: found {given!r}, expected {shape}")
     low, high = (None if v is None or isinf(v) else float(v) for v in values[1:])
-    return float(values[0]), low, high, unit
+    return float(values[0]), low, high, spelling(unit) if unit else ""
 
 
 class Effect(str):

@@ -16,7 +16,7 @@ from terrapin_hil.physics.expression import is_name, parse
 from terrapin_hil.physics.mechanics import ROLES
 from terrapin_hil.reading import shorten
 from terrapin_hil.robots import select
-from terrapin_tools.door.effect import numbers
+from terrapin_tools.door.effect import numbers, plain
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.bases import BASES
 from terrapin_tools.workbench.bases import ROLES as BASE_ROLES
@@ -25,6 +25,8 @@ from terrapin_tools.workbench.case.case import Case, load_case, parse_case
 from terrapin_tools.workbench.files.arrow_tables import from_arrow
 from terrapin_tools.workbench.files.format import Ambiguous, meant, parted
 from terrapin_tools.workbench.files.tables import Table, read
+from terrapin_tools.workbench.files.times import clock_name
+from terrapin_tools.workbench.files.units import spelling
 from terrapin_tools.workbench.new_case.from_columns import document_of
 from terrapin_tools.workbench.new_case.from_tables import split_unit
 from terrapin_tools.workbench.robot.runs import check_asked, read_run, write_case
@@ -114,16 +116,22 @@ def case_of(
     units, noise = _by_names(table, columns, units), _by_names(table, columns, noise)
     names = _columns(table, base, columns, {**dict.fromkeys(roles, ""), **told, **units}, channels)
     _check_roles(roles, base, names, channels)
-    for option, given in (("units", units), ("noise", noise)):
-        unknown = next((name for name in given if name not in {*names, *table.columns}), None)
+    for option, given, known in (("units", units, {**names, **table.columns}), ("noise", noise, channels)):
+        unknown = next((name for name in given if name not in known), None)
         if unknown is not None:
-            raise UserError(f"{option}: found {unknown}, expected one of {', '.join({**names, **table.columns})}")
+            kind = "" if option == "units" else "a channel: "
+            raise UserError(f"{option}: found {unknown}, expected {kind}one of {', '.join(known)}")
     mapped = {}
     for name, column in names.items():
         unit = units.get(name) or units.get(column) or told.get(column) or split_unit(column)[1]
         if not unit:
             raise UserError(f"column {column}: found no unit, expected one: units={{{name!r}: 'mm'}}; '1' for none")
-        mapped[name] = {"column": column, "unit": unit, "is": roles.get(name), "sigma": noise.get(name)}
+        mapped[name] = {
+            "column": column,
+            "unit": spelling(unit),
+            "is": roles.get(name),
+            "sigma": plain(noise.get(name)),
+        }
     order = {
         "title": title,
         "base": base,
@@ -141,8 +149,9 @@ def case_of(
         "train": [_run(one) for one in train],
         "test": [_run(one) for one in test],
     }
-    text = _with_more(document_of(order, [FILE], maker="terrapin_tools.Case"), table, groups)
-    held = {FILE: replace(table, notes=(*table.notes, *_not_taken(measured - {*names.values()}, base)))}
+    file = f"{table.path.stem}.parquet"  # without a column for it, the name of the run
+    text = _with_more(document_of(order, [file], maker="terrapin_tools.Case"), table, groups)
+    held = {file: replace(table, notes=(*table.notes, *_not_taken(measured - {*names.values()}, base)))}
     try:
         return parse_case(Path(), text, held)
     except UserError as error:  # the line of a file that is not there says nothing
@@ -166,10 +175,11 @@ def _with_more(text: str, table: Table, groups: Mapping[str, str]) -> str:
 
 
 def _state(name: str, value: Any) -> dict[str, Any]:
-    start, unit = value if isinstance(value, tuple | list) and len(value) == 2 else (value, "")
+    value = plain(value)
+    start, unit = value if isinstance(value, list) and len(value) == 2 else (value, "")
     if not isinstance(start, float | int | str) or not isinstance(unit, str):
         raise UserError(f"states: {name}: found {shorten(value)}, expected START or (START, UNIT): 'fit' or a number")
-    return {"initial": start, **({"unit": unit} if unit else {})}
+    return {"initial": start, **({"unit": spelling(unit)} if unit else {})}
 
 
 def _check_shapes(each: type = str, **given: object) -> None:
@@ -193,18 +203,25 @@ def _by_headings(table: Table, base: str, columns: Mapping[str, str], said: Iter
     """Name in the model -> column: `columns`, and what is said of others by their headings, or these without unit."""
     found = {}
     for name, column in columns.items():
-        heading = meant(column, table.columns)
+        heading = _clock(table, meant(column, table.columns))
         if heading is None:
             raise UserError(f"columns: {name}: found {column!r}, expected one of {', '.join(table.columns)}")
         found[name] = heading
     allowed = {*BASES[base].channels, *BASE_ROLES}
     for one in said:
-        heading, bare = meant(one, table.columns), _bare(one)
+        heading, bare = _clock(table, meant(one, table.columns)), _bare(one)
         if heading in (None, parted(one)[0]) or heading in found.values() or not is_name(bare):
             continue
         if BASES[base].own_names or bare in allowed:
             found.setdefault(bare, str(heading))
     return found
+
+
+def _clock(table: Table, heading: str | None) -> str | None:
+    """The seconds beside a column of times, which is text."""
+    if heading is None or table.columns[heading].dtype.kind != "U":
+        return heading
+    return clock_name(heading) if clock_name(heading) in table.columns else heading
 
 
 def _bare(heading: str) -> str:
@@ -263,6 +280,11 @@ def _columns(
     lost = next((name for name in equation if name not in known), None)
     if lost is not None:
         option = "measured" if BASES[base].own_dynamics else "equation"
+        if not is_name(formula_name(lost)):
+            raise UserError(
+                f"{option}: found {lost!r}, expected a name that formulas know, of letters a to z, digits and _; "
+                f"columns={{{in_letters(lost)!r}: {lost!r}}} gives a column one"
+            )
         raise UserError(f"{option}: {lost} is no column of the table, expected one of {', '.join(table.columns)}")
     if own and not BASES[base].own_dynamics and not equation:
         raise UserError('equation: found none, expected a formula for each channel: equation={"M": "a + b*w"}')
@@ -283,18 +305,19 @@ def _check_roles(roles: Mapping[str, str], base: str, names: Mapping[str, str], 
 
 
 def _constant(name: str, value: Any) -> Any:
-    if isinstance(value, tuple | list) and len(value) == 2 and isinstance(value[1], str):
-        return f"{value[0]!r} {value[1]}"
+    value = plain(value)
+    if isinstance(value, list) and len(value) == 2 and isinstance(value[1], str):
+        return f"{value[0]!r} {spelling(value[1])}"
     if not isinstance(value, float | int | str):
         raise UserError(f"constants: {name}: found {value!r}, expected a number, (NUMBER, UNIT) or '80 mm'")
     return value
 
 
 def _limit(name: str, value: Any) -> dict[str, Any]:
-    parts = list(value) if isinstance(value, tuple | list) else []
-    if len(parts) not in (2, 3):
+    parts = plain(value)
+    if not isinstance(parts, list) or len(parts) not in (2, 3):
         raise UserError(f"limits: {name}: found {value!r}, expected (MIN, MAX) or (MIN, MAX, UNIT)")
-    return {"min": parts[0], "max": parts[1], "unit": parts[2] if len(parts) == 3 else ""}
+    return {"min": parts[0], "max": parts[1], "unit": spelling(parts[2]) if len(parts) == 3 else ""}
 
 
 def _run(name: object) -> str:

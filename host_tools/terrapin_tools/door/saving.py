@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ import tomlkit
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.files.arrow_tables import to_arrow
+from terrapin_tools.workbench.files.tables import Table
+from terrapin_tools.workbench.files.times import has_times
 from terrapin_tools.workbench.files.writing import write_whole
 
 __all__ = ["same_rows", "write_folder"]
@@ -41,10 +44,19 @@ def write_folder(case: Case, folder: Path) -> None:
     for name, table in case.held.items():
         import pyarrow.parquet
 
-        pyarrow.parquet.write_table(to_arrow(table), folder / name)
+        pyarrow.parquet.write_table(to_arrow(_as_read(case, table)), folder / name)
     write_whole(folder / "case.toml", text)
     if not same_rows(case, load_case(folder)):
         raise UserError(f"{case.folder}: a file of the case has changed since it was read, expected it as it was")
+
+
+def _as_read(case: Case, table: Table) -> Table:
+    """Without texts that a reader would take for times or switches: what they say stands beside them, or the case
+    does not know it."""
+    document: Any = tomlkit.parse(case.text)
+    named = {document["data"].get("run"), *(one["column"] for one in document.get("groups", {}).values())}
+    kept = {name: one for name, one in table.columns.items() if name in named or not has_times({name: one})}
+    return replace(table, columns=kept)
 
 
 def _bring(case: Case, folder: Path) -> str:

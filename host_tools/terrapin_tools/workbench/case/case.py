@@ -150,6 +150,9 @@ def parse_case(folder: Path, text: str, held: Mapping[str, Table] | None = None)
     for name, known in base.parameters.items():
         if known.default is not None and name not in fit and name not in parameters:
             parameters[name], parameter_units[name] = known.default, known.unit
+    if base.own_names:
+        _check_own(measured, parameters, fit, formulas, complain)
+    measured = _without(measured, {*tables.table("parameters"), *fit})
     units = {**measured.units, **parameter_units, **_fit_units(fit)}
     if dynamics is not None:
         names = {*measured.roles, *measured.extra, *parameters, *fit}
@@ -246,6 +249,29 @@ def _on_scale(tables: Tables, measured: Measurements, dynamics: Dynamics | None)
     units |= {name: state.unit for name, state in (dynamics.states if dynamics else {}).items()}
     units |= {name: str(tables.get("fit", name, "unit", default="")) for name in tables.table("fit")}
     return {name for name, unit in units.items() if unit in CELSIUS}
+
+
+def _check_own(
+    measured: Measurements, parameters: Collection[str], fit: Collection[str], formulas: Collection[Expression],
+    complain: Complaint,
+) -> None:  # fmt: skip
+    """A name of a formula means one thing, and each fitted one stands in a formula."""
+    for table, names in (("parameters", parameters), ("fit", fit)):
+        if twice := next((name for name in names if name in {*measured.roles, *measured.channels}), None):
+            raise complain("is a mapped column too, expected another name", table, twice)
+    read = {name for formula in formulas for name in formula.names}
+    if idle := next((name for name in fit if name not in read), None):
+        raise complain("stands in no formula, so nothing tells its value; expected it in one", "fit", idle)
+
+
+def _without(measured: Measurements, stated: Collection[str]) -> Measurements:
+    """Without unmapped columns of a name that case.toml gives to a number: a formula means that."""
+    taken = sorted(measured.extra.keys() & {*stated})
+    if not taken:
+        return measured
+    remark = f"Not looked at, as a constant or a fitted value has the name: {', '.join(taken)}."
+    extra = {name: values for name, values in measured.extra.items() if name not in taken}
+    return replace(measured, extra=extra, remarks=(*measured.remarks, remark))
 
 
 def _constants(

@@ -14,6 +14,7 @@ from terrapin_hil.reading import shorten
 from terrapin_tools.errors import UserError
 from terrapin_tools.workbench.files.format import text_cells
 from terrapin_tools.workbench.files.tables import Table
+from terrapin_tools.workbench.files.times import clock_name
 
 __all__ = ["from_arrow", "labelled", "to_arrow"]
 
@@ -25,9 +26,11 @@ def from_arrow(source: object, name: str) -> tuple[Table, dict[str, str]]:
     """A table and the units that its columns' metadata tell (key `unit`).
 
     `source` has `__arrow_c_stream__` or `__dataframe__`, or maps names to arrays of one length; `name` is what messages
-    call it. Numbers become float64, NaN where there is none, everything else text. UserError for anything else, for no
-    row, and for two columns of one name.
+    call it. Numbers become float64, NaN where there is none, durations seconds, everything else text; instants have
+    seconds beside them, as in a file. UserError for anything else, for no row, and for two columns of one name.
     """
+    import pyarrow
+
     found = _arrow(source, name)
     found = found.select([i for i, one in enumerate(found.column_names) if not INDEX.fullmatch(one)])
     twice = next((one for one in found.column_names if found.column_names.count(one) > 1), None)
@@ -36,8 +39,23 @@ def from_arrow(source: object, name: str) -> tuple[Table, dict[str, str]]:
     if not found.num_rows or not found.num_columns:
         raise UserError(f"{name}: found {found.num_rows} rows of {found.num_columns} columns, expected at least one")
     units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in found.schema}
-    columns = {str(one): _values(found.column(one)) for one in found.column_names}
-    return Table(Path(name), columns, 0), {one: unit for one, unit in units.items() if unit}
+    columns: dict[str, npt.NDArray[Any]] = {}
+    notes = []
+    for one in found.column_names:
+        columns[one] = _values(found.column(one))
+        kind = found.schema.field(one).type
+        if pyarrow.types.is_duration(kind):
+            units[one] = "s"
+        elif pyarrow.types.is_timestamp(kind) and (clock := clock_name(one)) not in found.column_names:
+            columns[clock], first = _seconds(found.column(one).to_numpy())
+            notes.append(f"{one} as time: [s] since {first}")
+    return Table(Path(name), columns, 0, tuple(notes)), {one: unit for one, unit in units.items() if unit}
+
+
+def _seconds(instants: npt.NDArray[np.datetime64]) -> tuple[npt.NDArray[np.float64], str]:
+    """Since the first of them, which is given too; NaN where there is none."""
+    first = next((one for one in instants if not np.isnat(one)), np.datetime64("NaT", "ns"))
+    return (instants - first) / np.timedelta64(1, "s"), str(first)
 
 
 def _arrow(source: object, name: str) -> Any:
@@ -82,6 +100,8 @@ def _values(column: Any) -> npt.NDArray[Any]:
     values = column.to_numpy()
     if values.dtype.kind in "fiub":
         return np.asarray(values, dtype=np.float64)
+    if values.dtype.kind == "m":
+        return np.asarray(values / np.timedelta64(1, "s"), dtype=np.float64)
     return text_cells(["" if cell is None or cell != cell else str(cell) for cell in values])
 
 

@@ -51,6 +51,9 @@ _SPELLINGS = {
 }  # fmt: skip
 
 
+_TORQUE = re.compile(r"(/ *)?\b(m?Nm|kNm|Nmm|Ncm)\b")  # to pint the Nm is a yarn's number
+
+
 # Units in words, English and German; left out is what may be another thing: degrees and Grad, turns, pounds.
 _UNIT_WORDS = {
     word: unit
@@ -125,11 +128,15 @@ def behind_words(heading: str) -> tuple[str, str]:
 def spelling(unit: str) -> str:
     """A unit as people write it, as pint reads it.
 
-    >>> spelling("mN\u00b7m"), spelling("Nm"), spelling("%"), spelling("rad/s"), spelling("Newton")
-    ('mN m', 'N m', 'percent', 'rad/s', 'N')
+    >>> spelling("mN\u00b7m"), spelling("Nm"), spelling("%"), spelling("rad/s"), spelling("Newton"), spelling("A/Nm")
+    ('mN m', 'N m', 'percent', 'rad/s', 'N', 'A/(N m)')
     """
     unit = re.sub("[\u00b7\u22c5*](?!\\*)", " ", unit.strip()) if "**" not in unit else unit.strip()
-    return _SPELLINGS.get(unit) or in_words(unit) or unit
+    return _SPELLINGS.get(unit) or in_words(unit) or _TORQUE.sub(_in_two, unit)
+
+
+def _in_two(torque: re.Match[str]) -> str:
+    return f"/({_SPELLINGS[torque[2]]})" if torque[1] else _SPELLINGS[torque[2]]
 
 
 def check(unit: str) -> None:
