@@ -16,6 +16,7 @@ from terrapin_tools.errors import UserError, about
 from terrapin_tools.workbench.bases import formula_name
 from terrapin_tools.workbench.bases.kinds.algebraic import Algebraic
 from terrapin_tools.workbench.case.case import Case, parse_case
+from terrapin_tools.workbench.case.groups import LEAST
 from terrapin_tools.workbench.compare.comparison import Analysis
 from terrapin_tools.workbench.files.arrow_tables import labelled
 from terrapin_tools.workbench.files.format import meant, parted
@@ -26,6 +27,7 @@ from terrapin_tools.workbench.model.fitting import covariance
 __all__ = ["parameter_covariance", "predicted"]
 
 FILE = "new.parquet"
+RUN = "__run__"  # of a table whose case has each run in a file of its own
 BESIDE = 0.1  # of a column's range, by which new rows may lie beside it unsaid
 STACK = 5  # calls from a warning to the caller of `Case.predict`
 
@@ -48,16 +50,11 @@ def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
     kind.
     """
     case = analysis.case
-    new = _rows(case, table, units)
+    new = _rows(case, _with_every_group(case, table), units)
     model = replace(analysis.fit.model, case=new)
-    for one in model.fitted:
-        if one.by and new.groups[one.by].names != case.groups[one.by].names:
-            raise UserError(
-                f"column {one.by}: found {', '.join(new.groups[one.by].names)}, expected all of "
-                f"{', '.join(case.groups[one.by].names)}: {one.name} has a value for each"
-            )
-    _warn_outside(case, new)
+    _warn_outside(case, new, table.rows)
     values, slopes = model.bind(new.inputs, np.ones(new.rows, dtype=bool)).jacobian(analysis.fit.theta)
+    values, slopes = values[:, : table.rows], slopes[:, : table.rows]
     if not np.isfinite(values).all():
         row = int(np.flatnonzero(~np.isfinite(values).all(axis=0))[0])
         raise UserError(f"{new.place(row)}: the model gives no number for this row")
@@ -67,8 +64,36 @@ def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
     for i, name in enumerate(model.channels):
         columns[name] = values[i]
         columns[f"{name}_sd"] = np.sqrt(np.maximum(variance[i], 0.0))
-        columns[f"{name}_noise_sd"] = np.full(new.rows, analysis.told.sigma[i])
+        columns[f"{name}_noise_sd"] = np.full(table.rows, analysis.told.sigma[i])
     return labelled(columns, {name: case.units[name.removesuffix("_sd").removesuffix("_noise")] for name in columns})
+
+
+def _with_every_group(case: Case, table: Table) -> Table:
+    """The rows, and behind them a run of each group, as a case has them. Without a column for it each group is a run.
+    UserError for a group that no parameter was fitted for."""
+    document: Any = tomlkit.parse(case.text)
+    columns = {name: str(entry["column"]) for name, entry in document.get("groups", {}).items()}
+    if not columns:
+        return table
+    mine: dict[str, list[str]] = {}
+    for name, column in columns.items():
+        told, known = meant(column, table.columns), case.groups[name].names
+        if told is None:
+            raise UserError(f"column {column}: is missing, expected it: the model has a value for each of its groups")
+        mine[column] = table.text(told)
+        if unknown := [one for one in mine[column] if one not in known]:
+            raise UserError(f"column {column}: found {unknown[0]!r}, expected one of {', '.join(known)}")
+    run = str(document["data"].get("run", RUN))
+    runs = table.text(run) if run in table.columns else [" ".join(one) for one in zip(*mine.values(), strict=True)]
+    first = np.flatnonzero(np.array(runs) == runs[0])
+    first = np.resize(first, max(len(first), LEAST) if case.base.whole_runs else LEAST)
+    each = [(column, group) for name, column in columns.items() for group in case.groups[name].names]
+    joined = {name: np.concatenate([values, *[values[first]] * len(each)]) for name, values in table.columns.items()}
+    for column, said in mine.items():
+        others = (group if own == column else said[0] for own, group in each)
+        joined[column] = np.array([*said, *(one for one in others for _ in first)])
+    joined[run] = np.array([*runs, *(f"{column} {group}" for column, group in each for _ in first)])
+    return replace(table, columns=joined)
 
 
 def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
@@ -92,17 +117,20 @@ def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
         if column not in columns and name not in needed:
             columns[column] = np.zeros(table.rows)
         if column not in columns:
-            raise UserError(f"column {column}: is missing, expected it: the model needs {name}")
+            why = f"a run starts where it fits {name}" if name in case.channels else f"the model needs {name}"
+            raise UserError(f"column {column}: is missing, expected it: {why}")
     for name in sorted(_read_by_formulas(case)):
         if name not in columns:
             raise UserError(f"column {name}: is missing, expected it: the model needs {name}")
         if np.isnan(table.numbers(name, gaps=True)).any():
             raise UserError(f"column {name}: has a gap, expected a number in every row: the model needs {name}")
-    run = str(data.get("run", ""))
+    run = str(data.get("run", RUN if RUN in columns else ""))
     if run and run not in columns:
         columns[run] = np.full(table.rows, "new")
     rows = Table(table.path, columns, table.first_line)
     data["files"], data["test"] = [FILE], []
+    if run:
+        data["run"] = run
     data["train"] = list(dict.fromkeys(rows.text(run))) if run else [table.path.stem]  # none of them is fitted
     new = parse_case(case.folder, tomlkit.dumps(document), {FILE: rows})
     if new.rows_left_out:
@@ -129,11 +157,11 @@ def _read_by_formulas(case: Case) -> set[str]:
     return case.extra.keys() & {name for formula in formulas for name in formula.names}
 
 
-def _warn_outside(case: Case, new: Case) -> None:
+def _warn_outside(case: Case, new: Case, rows: int) -> None:
     """Says where new rows lie beside those that the model was fitted on, by more than a part of their range."""
     for name in sorted({*_needed(case) - {*case.channels, "time"}, *_read_by_formulas(case)}):
         key = formula_name(name) if name in case.roles else name
-        known, asked = case.inputs[key][case.train], new.inputs[key]
+        known, asked = case.inputs[key][case.train], new.inputs[key][:rows]
         low, high = float(known.min()), float(known.max())
         off = np.maximum(low - asked, asked - high)
         row = int(np.argmax(off))
@@ -141,7 +169,7 @@ def _warn_outside(case: Case, new: Case) -> None:
             unit = behind(case.units.get(name, ""))
             count = int((off > BESIDE * (high - low)).sum())
             warnings.warn(
-                f"{count} of {new.rows} rows lie outside what the model was fitted on: {name} {asked[row]:.4g}{unit}, "
+                f"{count} of {rows} rows lie outside what the model was fitted on: {name} {asked[row]:.4g}{unit}, "
                 f"fitted on {low:.4g} to {high:.4g}{unit}",
                 stacklevel=STACK,
             )

@@ -13,7 +13,7 @@ from terrapin_tools.workbench.bases.kinds.names import in_letters
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.toml_tables import Tables
 
-__all__ = ["Groups", "group_columns", "membership", "read_groups", "read_shares"]
+__all__ = ["LEAST", "Groups", "group_columns", "membership", "read_groups", "read_shares"]
 
 MOST = 6  # groups of a grouping that are looked at one by one; chosen by hand
 LEAST = 2  # rows of a group: one says nothing of its noise
