@@ -22,7 +22,7 @@ def table() -> pd.DataFrame:
     return pd.DataFrame({"run": np.repeat(np.arange(6), 20), "w": w, "M": 1.0 + 0.5 * w + random.normal(0.0, 0.1, 120)})
 
 
-def bench(frame: pd.DataFrame | None = None, **given: Any) -> terrapin.Case:
+def bench(frame: Any = None, **given: Any) -> terrapin.Case:
     more = {"run": "run", "units": UNITS, "equation": {"M": "a + b*w"}, "fit": FIT, **given}
     return terrapin.Case.from_table(table() if frame is None else frame, **more)
 
@@ -165,7 +165,7 @@ def test_what_is_wrong_is_said_where_it_was_given(given: dict[str, Any], said: s
 def test_an_answer_is_no_effect() -> None:
     case = bench()
     with pytest.raises(terrapin.errors.InputError, match=r"add: found an Answer, whose `missing` it takes, expected"):
-        case.add(case.compare())  # type: ignore[arg-type]
+        case.add(case.compare())
 
 
 def test_a_constant_is_what_is_stated_though_a_column_has_its_name() -> None:
@@ -175,3 +175,63 @@ def test_a_constant_is_what_is_stated_though_a_column_has_its_name() -> None:
     case = bench(frame, **formula)
     assert case.compare().parameters["b"].value == pytest.approx(bench(**formula).compare().parameters["b"].value)
     assert "Not looked at, as a constant or a fitted value has the name: r." in str(case.compare())
+
+
+def laboratory(folder: Path) -> list[Path]:
+    """A file for each of six runs: an instrument's own clock, a gap in what is measured."""
+    folder.mkdir()
+    for name, rows in table().groupby("run"):
+        lines = [
+            f"02.03.2026 09:0{name}:{n:02d};{row.w:.4f};{'' if n == 3 else format(row.M, '.4f')}"
+            for n, row in enumerate(rows.itertuples())
+        ]
+        text = "\n".join(
+            ["Zeit;w [rad/s];M [Nm]", *(line.replace(".", ",").replace("02,03,", "02.03.") for line in lines)]
+        )
+        (folder / f"day_{name}.csv").write_text(text)
+    return sorted(folder.iterdir())
+
+
+def test_a_folder_of_files_is_a_run_each(tmp_path: Path) -> None:
+    files = laboratory(tmp_path / "lab")
+    case = bench(tmp_path / "lab", run="", units={})
+    assert case == bench([str(one) for one in files], run="", units={})
+    assert (case.runs, case.held_out, case.rows) == (tuple(f"day_{n}" for n in range(6)), ("day_4",), 114)
+    assert case.compare().parameters["b"].value == pytest.approx(0.5, abs=0.02)
+    assert terrapin.Case.load(case.save(tmp_path / "kept")) == case
+
+
+def test_files_that_were_read_alike_are_told_once(tmp_path: Path) -> None:
+    """Twelve files took twelve lines of every answer: each has another first number, and began at another time."""
+    laboratory(tmp_path / "lab")
+    said = " ".join(str(bench(tmp_path / "lab", run="", units={}).compare()).split())
+    assert said.count("separator semicolon") == 1
+    assert "Zeit as time: [s] since 02.03.2026 09:00:00" in said
+    assert "; 5 more files likewise." in said
+
+
+def test_a_prediction_reads_files_and_no_gap_of_what_it_does_not_need(tmp_path: Path) -> None:
+    laboratory(tmp_path / "lab")
+    assert bench(tmp_path / "lab", run="", units={}).predict(tmp_path / "lab").num_rows == 120
+
+
+def test_files_of_unlike_columns_or_of_one_name_are_refused(tmp_path: Path) -> None:
+    first = laboratory(tmp_path / "lab")[0]
+    other = laboratory(tmp_path / "again")[0]
+    with pytest.raises(terrapin.errors.InputError, match="two files are called day_0"):
+        bench([first, other], run="", units={})
+    other.write_text(other.read_text().replace("M [Nm]", "M [mNm]"))
+    with pytest.raises(
+        terrapin.errors.InputError, match=r"found the columns .*M \[mNm\].*, expected those of .*M \[Nm\]"
+    ):
+        bench([first, other], run="", units={})
+    with pytest.raises(terrapin.errors.InputError, match="found a list"):
+        bench([table(), table()])
+
+
+def test_what_is_integrated_says_why_it_wants_the_channels() -> None:
+    case = moved(swing(lambda s: s), units={"x": "m", "time": "s"})
+    with pytest.raises(
+        terrapin.errors.InputError, match="column x: is missing, expected it: a run starts where it fits x"
+    ):
+        case.predict({"time": [0.0, 0.1, 0.2]})

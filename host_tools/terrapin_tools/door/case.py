@@ -107,7 +107,7 @@ class Case:
         Parameters
         ----------
         table : whatever speaks Arrow (pandas, polars, pyarrow), a mapping of columns to arrays, or the name of a file
-            with a table (docs/cases.md).
+            with a table (docs/cases.md), of a folder of such, or a list of files: each is a run, if `run` names none.
         run : column that names the run of each row; "": all rows are one run.
         units : unit by column, where neither the column's metadata (`unit`) nor its name ("w [rpm]") tells it. A column
             whose unit is told is taken, whether the equation names it or not; answers say which are in no formula.
@@ -307,7 +307,7 @@ class Case:
         ----------
         table : as for `from_table`, with the columns of the case, by the names that they have there (`D [mm]`, or `D`)
             or in the model, in the units of the case where metadata or heading do not tell others; channels may be
-            absent.
+            absent, but where the base integrates over time, for there each stretch starts where it fits them.
 
         Returns
         -------

@@ -29,6 +29,7 @@ from terrapin_tools.workbench.files.times import clock_name
 from terrapin_tools.workbench.files.units import spelling
 from terrapin_tools.workbench.new_case.from_columns import document_of
 from terrapin_tools.workbench.new_case.from_tables import split_unit
+from terrapin_tools.workbench.new_case.reading import files_of
 from terrapin_tools.workbench.robot.runs import check_asked, read_run, write_case
 
 __all__ = ["Motion", "case_of", "case_of_runs", "table_of"]
@@ -61,13 +62,44 @@ class Motion:
 
 
 def table_of(source: object) -> tuple[Table, dict[str, str]]:
-    """A table with the units that it tells; a text or Path is the name of a file with one."""
-    if isinstance(source, str | Path):
-        try:
-            return read(Path(source)), {}
-        except Ambiguous as error:
-            raise UserError(f"{error.found}; read it as it is meant (pandas.read_csv), and give the table") from None
-    return from_arrow(source, "table")
+    """A table with the units that it tells; a text or Path is the name of a file with one. Several are one below the
+    other."""
+    tables, told = _tables_of(source)
+    return _joined(tables), told
+
+
+def _tables_of(source: object) -> tuple[list[Table], dict[str, str]]:
+    """The tables of a list of files, or of a folder: more than one only of these."""
+    listed = [source] if isinstance(source, str | Path) else source
+    if isinstance(listed, list | tuple) and listed and all(isinstance(one, str | Path) for one in listed):
+        return [_read(file) for file in files_of([Path(one) for one in listed])], {}
+    table, told = from_arrow(source, "table")
+    return [table], told
+
+
+def _read(file: Path) -> Table:
+    try:
+        return read(file)
+    except Ambiguous as error:
+        raise UserError(f"{error.found}; read it as it is meant (pandas.read_csv), and give the table") from None
+
+
+def _joined(tables: Sequence[Table]) -> Table:
+    """UserError where two tables have not the same columns, or one name."""
+    first, *others = tables
+    if not others:
+        return first
+    for other in others:
+        if other.columns.keys() != first.columns.keys():
+            raise UserError(
+                f"{other.path}: found the columns {', '.join(other.columns)}, expected those of {first.path}: "
+                f"{', '.join(first.columns)}"
+            )
+    twice = next((name for name, count in Counter(one.path.stem for one in tables).items() if count > 1), None)
+    if twice is not None:
+        raise UserError(f"table: two files are called {twice}, expected a name for each: it is the run's")
+    columns = {name: np.concatenate([table.columns[name] for table in tables]) for name in first.columns}
+    return Table(first.path.parent, columns, 0)
 
 
 def case_of(
@@ -95,7 +127,8 @@ def case_of(
     _check_shapes(noise=noise, constants=constants, fit=fit, limits=limits, each=object)
     effects = [effects] if isinstance(effects, str) else effects
     train, test = ([one] if isinstance(one, str) else one for one in (train, test))
-    table, told = table_of(source)
+    tables, told = _tables_of(source)
+    table = _joined(tables)
     channels = equation or motion.measured
     if base not in BASES:
         raise UserError(f"base: found {base!r}, expected one of {', '.join(BASES)}")
@@ -149,9 +182,10 @@ def case_of(
         "train": [_run(one) for one in train],
         "test": [_run(one) for one in test],
     }
-    file = f"{table.path.stem}.parquet"  # without a column for it, the name of the run
-    text = _with_more(document_of(order, [file], maker="terrapin_tools.Case"), table, groups)
-    held = {file: replace(table, notes=(*table.notes, *_not_taken(measured - {*names.values()}, base)))}
+    notes = _not_taken(measured - {*names.values()}, base)
+    # Without a column for it, a file's name is that of the run.
+    held = {f"{one.path.stem}.parquet": replace(one, notes=(*one.notes, *notes)) for one in tables}
+    text = _with_more(document_of(order, [*held], maker="terrapin_tools.Case"), table, groups)
     try:
         return parse_case(Path(), text, held)
     except UserError as error:  # the line of a file that is not there says nothing

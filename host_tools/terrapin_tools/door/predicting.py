@@ -97,11 +97,12 @@ def _with_every_group(case: Case, table: Table) -> Table:
 
 
 def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
-    """The case with other rows; what it says of files, runs and noise goes. What is absent and not needed is 0."""
+    """The case with other rows; what it says of files, runs and noise goes. What is not needed is 0."""
     document: Any = tomlkit.parse(case.text)
     data = document["data"]
     columns = dict(table.columns)
     needed, derived = _needed(case), data.get("derived", {})
+    read = {str(entry["column"]) for name, entry in data["columns"].items() if name in needed}
     for name, entry in data["columns"].items():
         column, unit = str(entry["column"]), str(entry.get("unit", ""))
         told = next((one for said in (column, parted(column)[0], name) if (one := meant(said, columns))), None)
@@ -114,7 +115,7 @@ def _rows(case: Case, table: Table, units: dict[str, str]) -> Case:
                 del columns[told]
         if column in derived:
             continue
-        if column not in columns and name not in needed:
+        if name not in needed and (column not in columns or not (derived or column in read)):  # or it has gaps
             columns[column] = np.zeros(table.rows)
         if column not in columns:
             why = f"a run starts where it fits {name}" if name in case.channels else f"the model needs {name}"

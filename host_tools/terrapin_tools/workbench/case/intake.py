@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -20,6 +21,7 @@ __all__ = [
     "guesses", "headings", "ungrouped", "unsigned",
 ]  # fmt: skip
 
+_EXAMPLE = re.compile(r" \('.*?'\)| since .*")  # what differs between files that were read in the same way
 MARK = "# assumed: "  # of a first line that says what was assumed when the table was made; every answer repeats it
 LONGEST = 1 << 12  # bytes of that line
 ROUNDED = 1.05  # values are given with two digits
@@ -44,13 +46,17 @@ class Mapped:
 
 def assumed(tables: Sequence[Table]) -> list[str]:
     """What was assumed about files, a sentence for each kind of file."""
-    names: dict[tuple[str, ...], list[str]] = {}
+    kinds: dict[tuple[str, ...], dict[str, list[str]]] = {}
     for table in tables:
-        names.setdefault((*table.notes, *_stated(table)), []).append(table.path.name)
+        notes = (*table.notes, *_stated(table))
+        alike = kinds.setdefault(tuple(_EXAMPLE.sub("", note) for note in notes), {})
+        alike.setdefault("; ".join(notes), []).append(table.path.name)
     found = []
-    for notes, (first, *more) in names.items():
-        also = f" and {len(more)} more" if more else ""
-        found += [f"{first}{also}: {'; '.join(notes)}."] if notes else []
+    for kind in kinds.values():
+        (told, (first, *same)), *others = kind.items()
+        also = f" and {len(same)} more" if same else ""
+        like = sum(len(each) for _, each in others)
+        found += [f"{first}{also}: {told}{f'; {like} more files likewise' if like else ''}."] if told else []
     return found
 
 
