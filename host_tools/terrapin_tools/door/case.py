@@ -312,7 +312,7 @@ class Case:
         Returns
         -------
         A pyarrow.Table, a row for each: of each channel NAME, NAME_sd (from the sds of the parameters) and
-        NAME_noise_sd (of one measurement beside it).
+        NAME_noise_sd (of one measurement beside it, in a run of its own).
 
         Raises
         ------

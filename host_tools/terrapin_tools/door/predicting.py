@@ -24,7 +24,7 @@ from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.units import convert, spelling
 from terrapin_tools.workbench.model.fitting import covariance
 
-__all__ = ["parameter_covariance", "predicted"]
+__all__ = ["noise_sd", "parameter_covariance", "predicted"]
 
 FILE = "new.parquet"
 RUN = "__run__"  # of a table whose case has each run in a file of its own
@@ -40,14 +40,28 @@ def parameter_covariance(analysis: Analysis) -> Array:
     return np.asarray(found[0] / np.outer(size, size) * np.outer(analysis.sd, analysis.sd))
 
 
+def noise_sd(analysis: Analysis, channel: int, predicted: Array) -> Array:
+    """Sd (rows,) of one measurement in a run of its own around what a channel is predicted to be: of its row, which may
+    grow with the reading, and of what differs from run to run (noise/covariance.py)."""
+    node, stated = analysis.told.node.of(channel), bool(analysis.told.known[channel])
+    rms = float(np.sqrt(np.mean(analysis.prediction[channel] ** 2)))
+    reading = (predicted / rms if rms > 0.0 else np.ones(len(predicted))) ** 2
+    row = 1.0 - node.grow + node.grow * reading
+    run = node.offset**2 + node.drift**2 + node.walk**2 + node.gain**2 * reading
+    both = float(analysis.told.sigma[channel]) ** 2  # where it is not stated: of a row, and between runs
+    own = both if stated else both / node.floor**2
+    beside = max(float(np.mean(analysis.residual[channel] ** 2)), both) - own if stated else both - own
+    return np.asarray(np.sqrt(own * row + (beside / (node.floor**2 - 1.0) * run if node.floor > 1.0 else 0.0)))
+
+
 def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
     """A row for each of `table`, which has the columns of the case by their headings or bare names there, or by their
     names in the model, in the units of the case where `units` or the heading does not tell others; channels may be
     absent.
 
     Returns a pyarrow.Table: of each channel NAME what the model says, NAME_sd its sd from the sds of the parameters,
-    and NAME_noise_sd, that of one measurement beside it. UserError when a column is missing or its unit is of another
-    kind.
+    and NAME_noise_sd, that of one measurement in a run of its own. UserError when a column is missing or its unit is of
+    another kind.
     """
     case = analysis.case
     new = _rows(case, _with_every_group(case, table), units)
@@ -64,7 +78,7 @@ def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:
     for i, name in enumerate(model.channels):
         columns[name] = values[i]
         columns[f"{name}_sd"] = np.sqrt(np.maximum(variance[i], 0.0))
-        columns[f"{name}_noise_sd"] = np.full(table.rows, analysis.told.sigma[i])
+        columns[f"{name}_noise_sd"] = noise_sd(analysis, i, values[i])
     return labelled(columns, {name: case.units[name.removesuffix("_sd").removesuffix("_noise")] for name in columns})
 
 
