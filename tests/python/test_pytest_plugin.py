@@ -17,12 +17,15 @@ from tests.entry_points import environment
 
 ROOT = Path(__file__).resolve().parents[2]
 SUITE = ROOT / "docs" / "robot_tests" / "test_robot.py"
+# Plugins that are installed here for other tests, and take longer to import than these suites to run.
+OTHERS = [word for name in ("schemathesis", "hypothesispytest", "anyio") for word in ("-p", f"no:{name}")]
 
 
 def suite(folder: Path, *words: str, **more: str) -> subprocess.CompletedProcess[str]:
     """pytest in a folder of its own, where nothing is known but what is installed."""
     given = {k: v for k, v in environment(folder / ".env", **more).items() if not k.startswith(("PYTEST_", "COV_"))}
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-c", "/dev/null", "--rootdir=.", *words]
+    options = ["-q", "-p", "no:cacheprovider", *OTHERS, "-c", "/dev/null", "--rootdir=."]
+    command = [sys.executable, "-m", "pytest", *options, *words]
     return subprocess.run(command, cwd=folder, env=given, capture_output=True, text=True, timeout=600, check=False)
 
 

@@ -159,7 +159,8 @@ def test_a_files_tests_run_in_one_process(tmp_path: Path) -> None:
         text = "import os, pathlib, pytest\n@pytest.mark.parametrize('n', range(8))\ndef test_it(n):\n"
         text += f"    with open({str(tmp_path / name)!r}, 'a') as f: print(os.getpid(), file=f)\n"
         (tmp_path / f"test_{name}.py").write_text(text, encoding="utf-8")
-    command = [sys.executable, "-m", "pytest", "-q", "-n2", "-p", "tests.tools.tiers", "-c", os.devnull, str(tmp_path)]
+    options = ["-q", "-n2", "-p", "tests.tools.tiers", "-p", "no:schemathesis", "-c", os.devnull]
+    command = [sys.executable, "-m", "pytest", *options, str(tmp_path)]
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=900)
     assert done.returncode == 0, done.stdout
