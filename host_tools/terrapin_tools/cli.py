@@ -70,7 +70,9 @@ def main() -> None:
     try:
         with _signals():
             from terrapin_tools.command_line import run  # takes half a second, in which Ctrl-C may come
+            from terrapin_tools.extras import can_without_mf4
 
+            can_without_mf4()
             status = run()
             sys.stdout.flush()
     except UserError as error:

@@ -62,7 +62,8 @@ def test_a_run_imports_neither_scipy_nor_pint(tmp_path: Path) -> None:
     ours = {name for name in found if name.startswith("terrapin_tools.")}
     rooms = {name.split(".")[1] for name in ours}
     assert rooms <= {
-        "cli", "command_line", "command_options", "commands", "contact_error", "errors", "logs", "param", "progress"
+        "cli", "command_line", "command_options", "commands", "contact_error", "errors", "extras", "logs", "param",
+        "progress",
     }  # fmt: skip
     assert {name for name in ours if name.startswith("terrapin_tools.commands.")} == {"terrapin_tools.commands.run"}
 
@@ -82,6 +83,19 @@ def test_the_server_starts_without_the_workbench() -> None:
     program = "import sys, terrapin_tools.web.server; print(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", program], check=True, capture_output=True, text=True)
     assert not {"scipy", "pandas", "pint", "can", "matplotlib"} & others(set(done.stdout.split()))
+
+
+@pytest.mark.skipif(importlib.util.find_spec("asammdf") is None, reason="asammdf is not installed")
+def test_asammdf_is_imported_for_mf4_files_alone(tmp_path: Path) -> None:
+    """python-can imports it, and so pandas, wherever it is installed; the command line puts that off."""
+    (tmp_path / "x.log").write_text("(0.000000) can0 123#00\n(0.500000) can0 123#01\n")
+    log, asc, mf4, back = (str(tmp_path / name) for name in ("x.log", "x.asc", "x.mf4", "back.asc"))
+    found = imported(tmp_path, "log", "convert", log, asc)
+    assert "can" in found
+    assert not {"asammdf", "pandas"} & found
+    assert "asammdf" in imported(tmp_path, "log", "convert", log, mf4)
+    assert "asammdf" in imported(tmp_path, "log", "convert", mf4, back)  # after python-can, which writes the other
+    assert Path(back).read_text().count(" 123 ") == Path(asc).read_text().count(" 123 ") == 2
 
 
 def test_what_is_planted_is_seen(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from terrapin_tools.errors import printable
-from terrapin_tools.extras import need
+from terrapin_tools.extras import mf4_of_can, need
 from terrapin_tools.logs.formats.binary import by_python_can
 from terrapin_tools.logs.formats.source import SHOWN, Source
 from terrapin_tools.logs.frames import Frames
@@ -34,6 +34,7 @@ def blocks(source: Source) -> Iterator[Frames]:
 
     from terrapin_tools.logs.mf4_blocks import check_mf4
 
+    mf4_of_can()
     logging.getLogger("asammdf").setLevel(logging.CRITICAL + 1)
     check_mf4(source.path)
     records, signals = [0], list[str]()
