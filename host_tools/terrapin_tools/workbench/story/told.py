@@ -10,7 +10,9 @@ import numpy.typing as npt
 
 from terrapin_hil.physics.effects import Effect
 from terrapin_hil.physics.expression import parse
+from terrapin_hil.units import behind
 from terrapin_tools.workbench.bases import ROLES
+from terrapin_tools.workbench.case.case import Case
 from terrapin_tools.workbench.case.effects import OWN, without_unit
 from terrapin_tools.workbench.compare import comparison
 from terrapin_tools.workbench.compare.adequacy import Failure
@@ -26,6 +28,7 @@ from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.noise.estimate import Noise
+from terrapin_tools.workbench.noise.stuck import CLIPPED, OFTENER, clipped_rows
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.explain import short_answers
 from terrapin_tools.workbench.story.story import (
@@ -93,11 +96,28 @@ def told(analysis: Analysis, discovery: Discovery | Findings | None = None) -> S
         found=found,
         groups=tuple(differences(analysis)),
         together=tied,
-        intake=case.intake,
+        intake=(*case.intake, *_ends(case)),
         goals=goals,
         guessed=case.guessed,
         rows_left_out=case.rows_left_out,
     )
+
+
+def _ends(case: Case) -> list[str]:
+    """Channels that stand at an end of their range in more rows than are left out for it (noise/stuck.py)."""
+    found = []
+    for name, values in case.channels.items():
+        known, counts = np.unique(values, return_counts=True)
+        if len(known) < 3 or clipped_rows(values).any():
+            continue
+        least = max(CLIPPED, OFTENER * int(counts[1:-1].max()))
+        for end, what in ((0, "least"), (-1, "greatest")):
+            if counts[end] >= least and known[end] != 0.0:
+                found.append(
+                    f"{name} stands at {known[end]:.6g}{behind(case.units[name])}, its {what} number, in {counts[end]} "
+                    f"of {case.rows} rows: if its sensor ends there, leave them out before you believe a term."
+                )
+    return found
 
 
 def _ladder(analysis: Analysis, found: Findings | None) -> tuple[Rung, ...]:
