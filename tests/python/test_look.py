@@ -136,6 +136,18 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert expected in err
 
 
+def test_a_folder_is_the_tables_in_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """As it is to `terrapin case table`; it was `is a folder, expected a file`."""
+    for name in ("b.csv", "a.csv"):
+        write(tmp_path / name, columns())
+    (tmp_path / "notes.md").write_text("of the day")
+    assert terrapin("look", tmp_path) == 0
+    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines() if " rows, " in line] == [
+        "a.csv",
+        "b.csv",
+    ]
+
+
 def test_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "x.dbc").write_text('VERSION ""\nBU_: A\nBO_ 272 M: 8 A\n SG_ a : 0|16@1+ (0.5,0) [0|65] "N" A\n')
     rows = [f"({0.02 * i:.6f}) can0 110#{(i * 7) % 200:02X}00\n" for i in range(300)]

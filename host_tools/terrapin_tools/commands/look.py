@@ -14,7 +14,7 @@ __all__ = ["look"]
 
 
 def look(
-    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="tables, or logs of a bus")],
+    files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="tables, a folder of them, or logs of a bus")],
     dbc: Annotated[Path | None, typer.Option("--dbc", metavar="FILE", help="of a log; else the controller's")] = None,
     read: Reading = None,
     plot: Picture = None,
@@ -32,7 +32,9 @@ def look(
     from terrapin_tools.workbench.files.format import Asked
     from terrapin_tools.workbench.intake import look as room
     from terrapin_tools.workbench.new_case.options import pairs
+    from terrapin_tools.workbench.new_case.reading import files_of
 
+    files = files_of(files)
     asked = Asked.of(pairs("--read", read or []), "--read")
     if plot is not None and len(files) > 1:
         raise UserError(f"--plot: found {len(files)} files, expected one")
