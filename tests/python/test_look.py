@@ -124,11 +124,12 @@ def test_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
         assert status == 0
         assert "2 runs, by a clock that begins again" in out
         assert (tmp_path / f"p.{kind}").read_bytes().startswith(begin)
+    (tmp_path / "empty").mkdir()
     status, out, _ = terrapin(capsys, "look", path, path, "--json", "-")
     assert [one["rows"] for one in json.loads(out)["files"]] == [ROWS, ROWS]
     for words, expected in (
         (["look", tmp_path / "no.csv"], "no.csv: no such file\n"),
-        (["look", tmp_path], f"{tmp_path.name}: is a folder, expected a file\n"),
+        (["look", tmp_path / "empty"], "empty: found no table in the folder, expected files that end in "),
         (["look", path, path, "--plot", tmp_path / "q.png"], "expected one"),
     ):
         status, out, err = terrapin(capsys, *words)
