@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,13 @@ def made(*arguments: object, seed: int, **options: object) -> Made:
     raise AssertionError("no case in 20 has the columns that the effect needs")
 
 
+@cache
+def searched(effect: str, seed: int) -> tuple[Made, Discovery]:
+    """A case that lacks an effect, and what the search says of it."""
+    case = made("rolling_steady", (effect,), 14, 0.5, 3.0, seed=seed)
+    return case, discover(case.case)
+
+
 def heldout_ratio(case: Made, found: Discovery) -> float:
     sigma = np.array([case.sigma[c] for c in found.analysis.model.channels])
     best = error(fitted_on(case.case, sorted(case.truth), case.case.train, sigma)[-1], case.case.test, sigma)
@@ -58,8 +66,7 @@ def heldout_ratio(case: Made, found: Discovery) -> float:
     ],
 )
 def test_names_the_one_hidden_effect(effect: str, seed: int) -> None:
-    case = made("rolling_steady", (effect,), 14, 0.5, 3.0, seed=seed)
-    found = discover(case.case)
+    case, found = searched(effect, seed)
     assert found.verdict == "missing"
     assert found.missing == (effect,)
     assert found.answer_probability > 0.5
@@ -177,7 +184,7 @@ def test_bootstrap_over_runs() -> None:
 def test_bootstrap_weights_give_the_evidence_of_all_runs() -> None:
     """Each run once is the data themselves: sums over runs and the evidence of the whole must be the same number."""
     case = made("rolling_steady", ("cogging",), 10, 0.5, 2.0, seed=9)
-    analysis = discover(case.case).analysis
+    analysis = analyse(case.case, 0, LEVEL)
     effects = ("shell_imbalance", "aerodynamic_drag")
     fit = fitted_on(case.case, effects, case.case.train, analysis.noise.sigma)[-1]
     values = measured(analysis.model, analysis.rows)
@@ -255,8 +262,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 
 
 def test_the_answer_has_what_the_contract_asks_for() -> None:
-    case = made("rolling_steady", ("motor_heating",), 12, 0.0, 3.0, seed=10)
-    found = discover(case.case)
+    case, found = searched("motor_heating", 10)
     story = told(found.analysis, found)
     said = answer(story)
     assert said["schema"] == "terrapin.case/3"
