@@ -142,11 +142,9 @@ def test_a_folder_is_the_tables_in_it(tmp_path: Path, capsys: pytest.CaptureFixt
     for name in ("b.csv", "a.csv"):
         write(tmp_path / name, columns())
     (tmp_path / "notes.md").write_text("of the day")
-    assert terrapin("look", tmp_path) == 0
-    assert [line.split(":")[0] for line in capsys.readouterr().out.splitlines() if " rows, " in line] == [
-        "a.csv",
-        "b.csv",
-    ]
+    status, out, _ = terrapin(capsys, "look", tmp_path)
+    assert status == 0
+    assert [line.split(":")[0] for line in out.splitlines() if " rows, " in line] == ["a.csv", "b.csv"]
 
 
 def test_a_log(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
