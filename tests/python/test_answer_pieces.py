@@ -430,8 +430,6 @@ def test_a_curve_is_alone_times_the_direction_or_times_a_role() -> None:
     assert {by for *_, by in _every({"omega": up, "load": 3.0 + up})} == {"", "omega", "load"}
     assert {by for *_, by in _every({"load": 10.0 + up, "omega": up})} == {"", "omega", "load"}
     assert {by for *_, by in _every({"load": 11.0 + up, "omega": up})} == {"", "omega"}
-    powers = [one.power for one in unexplained._every(_columns({"omega": up}))]
-    assert powers == [0.5, 2.0, 0.5, 2.0, 0.5]  # rough and smooth
     waves = {one.by: one for one in unexplained._every(_columns({"omega": both})) if one.column == "omega"}
     np.testing.assert_allclose(waves["omega"].factor, both / np.sqrt(np.mean(both**2)))
     np.testing.assert_allclose(waves["direction"].factor, np.sign(both))
@@ -594,7 +592,7 @@ def test_a_set_is_linear_around_its_fit(monkeypatch: pytest.MonkeyPatch) -> None
     random = np.random.default_rng(1)
     columns, residual = random.standard_normal((12, 2)), random.standard_normal((1, 12))
     linear = SimpleNamespace(residual=residual, base=np.ones((1, 12, 1)), columns=columns, offset=np.array([0.5, 1.0]),
-        signs=np.array([1.0, 0.0]), lost=0.75)  # fmt: skip
+        bounds=np.array([-1.0]), signs=np.array([1.0, 0.0]), lost=0.75)  # fmt: skip
     asked: list[list[str]] = []
 
     def linearise(fit: Any, names: list[str], *given: Any) -> Any:
@@ -610,7 +608,7 @@ def test_a_set_is_linear_around_its_fit(monkeypatch: pytest.MonkeyPatch) -> None
     fit: Any = SimpleNamespace(
         model=SimpleNamespace(effects=[SimpleNamespace(name=name) for name in ("a", "b", "gone")])
     )
-    evidence = Evidence(runs, residual, linear.base, STATED, [0, 3])
+    evidence = Evidence(runs, residual, linear.base, STATED, [0, 3], linear.bounds)
     expected = evidence.blocks(evidence.gram(columns), np.array([[0, 1]]), linear.signs[None, :], linear.offset)
     assert Ranker.around(of, fit, ("b", "a")) == pytest.approx(float(expected[0]) - 0.75)
     assert asked == [["a", "b"]]
@@ -641,10 +639,12 @@ def _beyond(without: str, dynamics: Any = None, lower: float = -9.0) -> tuple[Ar
     )  # fmt: skip
     fit: Any = SimpleNamespace(model=model, theta=np.array([2.0, 3.0, 5.0]))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(ranker, "Evidence", lambda runs, residual, base, behind, nodes: made.append((residual, base)))
+        patch.setattr(ranker, "Evidence", lambda runs, residual, base, *given: made.append((residual, base, given[-1])))
+        patch.setattr(ranker, "bounds", lambda fit: np.array([1.0, -1.0, 0.0]))
         patch.setattr(ranker, "following", lambda fit: np.array([False, True, True]))
         Ranker.beyond(of, fit, [without] if without else [])
-    [(residual, base)] = made
+    [(residual, base, bounds)] = made
+    assert len(bounds) == base.shape[2]
     return 20.0 - 0.5 * residual[0], base[0]
 
 
@@ -940,16 +940,18 @@ def test_what_is_missing_beside_an_answer_is_judged_in_noise_sd(monkeypatch: pyt
     analysis, asked = _around(monkeypatch)
     made: list[Any] = []
 
-    def evidence(runs: Any, residual: Array, base: Array, behind: float, nodes: Any) -> str:
-        made.append((runs, residual, base, behind, nodes))
+    def evidence(runs: Any, residual: Array, base: Array, behind: float, nodes: Any, bounds: Array) -> str:
+        made.append((runs, residual, base, behind, nodes, bounds))
         return "evidence"
 
     monkeypatch.setattr(leftover, "Evidence", evidence)
+    monkeypatch.setattr(leftover, "bounds", lambda fit: np.array([1.0, 0.0, -1.0]))
+    monkeypatch.setattr(leftover, "following", lambda fit: np.array([False, True, True]))
     fit: Any = None
     found: Any = leftover.around(analysis, fit, [3])
     assert found == "evidence"
-    [(runs, residual, base, behind, nodes)] = made
-    assert (behind, nodes, asked, runs.runs) == (4.0, [3], [True], 2)
+    [(runs, residual, base, behind, nodes, bounds)] = made
+    assert (behind, nodes, asked, runs.runs, bounds.tolist()) == (4.0, [3], [True], 2, [0.0, -1.0])
     np.testing.assert_allclose(residual, [[4.0] * 6, [1.5] * 6])
     np.testing.assert_allclose(base[:, 0], [[16.0, 9.0, 9.0], [4.0, 9.0, 9.0]])
 
@@ -1016,8 +1018,7 @@ def test_a_curve_has_the_size_that_its_evidence_says() -> None:
         analysis: Any = SimpleNamespace(rows=np.ones(60, dtype=bool), case=case, model=SimpleNamespace(channels=("f",)),
             noise=SimpleNamespace(sigma=np.array([2.0])))  # fmt: skip
         found = unexplained.curve(analysis, evidence, "u")
-        both = [free_curves.Waves("u", "", u, np.ones(60), power) for power in free_curves.ROUGH]
-        waves = max(both, key=lambda one: one.log_evidence(evidence))
+        waves = free_curves.Waves("u", "", u, np.ones(60))
         block, best = waves.block(0, 1), (-np.inf, 0.0)
         for prior in SIZES:
             covariance = np.eye(60) + prior**2 * block @ block.T
@@ -1307,8 +1308,8 @@ def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[Any] = []
 
     class Given:
-        def __init__(self, runs: Any, residual: Array, base: Array, behind: float, kinds: Any) -> None:
-            made.append((residual, base, behind, kinds))
+        def __init__(self, runs: Any, residual: Array, base: Array, behind: float, kinds: Any, *bounds: Any) -> None:
+            made.append((residual, base, behind, kinds, *bounds))
 
         def among(self, columns: Array) -> list[int]:
             made.append(columns)
@@ -1318,7 +1319,7 @@ def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
         "measured": lambda model, rows: np.zeros((2, int(rows.sum()))), "candidates": lambda model: effects,
         "constants": lambda model: [SimpleNamespace(name="constant.r")], "faults": lambda case: ["fault"],
         "free_slopes": lambda fit, sigma, rows, released: (None, None, np.full((2, 4, 1), 8.0 if released else 0.0)),
-        "Evidence": Given,
+        "Evidence": Given, "bounds": lambda fit: np.array([1.0]), "following": lambda fit: np.array([True]),
     }  # fmt: skip
     for name, does in patches.items():
         monkeypatch.setattr(ranker, name, does)
@@ -1349,7 +1350,7 @@ def test_what_a_ranker_begins_with(monkeypatch: pytest.MonkeyPatch) -> None:
     residual, base, behind, kinds = made[0]
     np.testing.assert_allclose(residual, np.ones((2, 4)))
     np.testing.assert_allclose(base[:, 0], [[16.0, 9.0], [4.0, 9.0]])
-    assert (behind, kinds, made[2][3]) == (3.0, [1], [5])
+    assert (behind, kinds, made[2][3], made[2][4].tolist()) == (3.0, [1], [5], [1.0])
     assert made[1].shape == (8, 3)
     assert found.columns_without({"drag"}).tolist() == [[3.0, 3.0]] * 8
     assert found.columns_without({"drag", "wave"}).shape == (8, 0)

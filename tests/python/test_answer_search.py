@@ -1032,7 +1032,7 @@ def test_a_size_of_one_sign_is_weighed_so_in_runs_drawn_anew(signs: tuple[float,
     run = np.repeat(np.arange(4), 5)
     residual, base = random.standard_normal((1, 20)), random.standard_normal((1, 20, 2))
     columns, given = random.standard_normal((20, 2)), np.array(signs)
-    linear = Linear(residual, base, columns, np.zeros(2), given, 0.0)
+    linear = Linear(residual, base, np.zeros(base.shape[2]), columns, np.zeros(2), given, 0.0)
     sums = resampled.Sums(Runs(run, 1), linear, 3.0, [0])
     evidence = Evidence(Runs(run, 1), residual, base, 3.0, [0])
     expected = evidence.blocks(evidence.gram(columns), np.array([[0, 1]]), given[None])

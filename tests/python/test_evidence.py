@@ -134,6 +134,51 @@ def test_a_size_of_one_sign_counts_by_its_share_of_the_posterior(
         assert pair == pytest.approx(bounded, abs=1e-8)
 
 
+@pytest.mark.parametrize("behind", [0.0, STATED])
+def test_a_parameter_at_a_bound_counts_by_its_share_within(monkeypatch: pytest.MonkeyPatch, behind: float) -> None:
+    """Beside what is asked, each by itself, with the sd integrated over: Student's t, to what its form as a normal
+    variate costs."""
+    monkeypatch.setattr(marginal_likelihood, "SIZES", np.array([0.7]))
+    case, node = _Dense(behind), SOME[4]
+    case.residual += np.tensordot(case.base, [-0.4, 0.3, 0.3], axes=1)  # beyond both bounds
+    given = (case.runs, case.residual, case.base, behind, [node])
+    free, held = Evidence(*given), Evidence(*given, np.array([1.0, 0.0, -1.0]))
+    inverse = np.linalg.inv(case.covariance(NODES[node]))
+
+    def within(*columns: int) -> float:
+        x = np.column_stack([case.base.reshape(-1, 3), case.columns[:, columns]])
+        normal = x.T @ inverse @ x + np.diag([0.0] * 3 + [0.7**-2] * len(columns))
+        score = x.T @ inverse @ case.residual.reshape(-1)
+        spread = np.linalg.inv(normal)
+        mean = spread @ score
+        freedom = behind + case.residual.size - 3
+        square = case.residual.reshape(-1) @ inverse @ case.residual.reshape(-1) - mean @ score
+        scale = np.sqrt((behind + square) / freedom * np.diagonal(spread))
+        return float(t.logcdf(mean[0] / scale[0], freedom) + t.logcdf(-mean[2] / scale[2], freedom))
+
+    assert within() < -5.0
+    assert held.nothing - free.nothing == pytest.approx(within(), rel=1e-2)
+    one = [within(i) for i in range(4)]
+    np.testing.assert_allclose(held.single(case.columns) - free.single(case.columns), one, rtol=1e-2)
+    assert np.ptp(one) > 0.2
+    gram, picks = held.gram(case.columns), np.array([[0, 1], [2, 1], [3, 0]])
+    signs = np.array([[0.0, 0.0], [0.0, 1.0], [-1.0, 1.0]])
+    two, asked = [within(*pick) for pick in picks], (gram, picks, signs)
+    alone = free.blocks(free.gram(case.columns), picks, signs)
+    np.testing.assert_allclose(held.blocks(*asked) - alone, two, rtol=1e-2)
+    monkeypatch.setattr(marginal_likelihood, "CHUNK", 2)
+    np.testing.assert_allclose(held.pairs(gram, *picks.T, signs), held.blocks(*asked), rtol=1e-12)
+    offset = np.array([0.5, -0.3, 0.2, 0.1])
+    moved = Evidence(
+        case.runs, case.residual - (case.columns @ offset).reshape(2, -1), case.base, behind, [node], held.signs
+    )
+    again = moved.blocks(moved.gram(case.columns), picks, signs, offset)
+    np.testing.assert_allclose(again, held.blocks(*asked), rtol=1e-9)
+    few = held.of_few()
+    assert few.nothing == pytest.approx(Evidence(*given[:4], few.nodes, held.signs).nothing)
+    assert Evidence(*given, np.array([0.0, 0.0])).nothing == free.nothing
+
+
 def test_kinds_of_noise_that_are_likely_with_or_without_a_column() -> None:
     """Of columns what the best size takes off."""
     case = _Dense(0.0)

@@ -336,6 +336,7 @@ def _around(sizes: dict[str, float], slopes: Array, at_bound: tuple[str, ...] = 
     )
     model = SimpleNamespace(fitted=fitted, effects=(wave, PUSH, FAULT, PULL), case=case)
     model.bind = lambda inputs, mask: SimpleNamespace(jacobian=lambda theta: (np.full((2, mask.sum()), 7.0), slopes))
+    model.lower, model.upper = np.full(len(fitted), -9.0), np.append(3.0, np.full(len(fitted) - 1, 9.0))
     return SimpleNamespace(model=model, theta=theta, at_bound=at_bound)
 
 
@@ -365,7 +366,9 @@ def test_a_fit_is_a_linear_model_around_itself() -> None:
     np.testing.assert_allclose(one.offset, [-2.0 * loud[0], 0.0, 3.0 * loud[1], -4.0 * loud[2]])
     assert one.signs.tolist() == [0.0, 0.0, 1.0, -1.0]
     assert one.lost == 0.0
-    bounded = found({"a": 1.0, "b": 9.0, "c": 0.0}, ("b", "c", "k"))
+    assert one.bounds.tolist() == [0.0, 0.0]
+    bounded = found({"a": 1.0, "b": 9.0, "c": 0.0, "k": 3.0, "m": -9.0}, ("b", "c", "k", "m"))
+    assert bounded.bounds.tolist() == [-1.0, 1.0]
     assert bounded.columns.shape[1] == 3
     assert bounded.lost == 3.0  # not for the one that is absent
     assert bounded.base.shape[-1] == 2  # what is missing may have driven the model's own there

@@ -189,3 +189,29 @@ def test_a_sum_of_three_columns_is_found_where_products_stand_for_it(tmp_path: P
     found = discover(load_case(several_columns.write(drawn, tmp_path)), seed=2)
     said = {found.ranking.expressions[name].expression for name in found.missing}
     assert (found.verdict, said) == ("missing", {"k*e", "k*d", "k*a"})
+
+
+def test_an_answer_whose_fit_would_leave_a_bound_is_not_told(tmp_path: Path) -> None:
+    """Friction that saturates, in a model with a viscous one that cannot be negative: a root of the speed would do with
+    one that is, and was "mostly" it. Which saturation it is these data leave open; that it is one of the speed is sure.
+    """
+    random = np.random.default_rng(3)
+    run, load, speed = np.repeat(np.arange(12), 12), random.uniform(10, 50, 144), random.uniform(0.1, 2.5, 144)
+    torque = 0.3 * load + 4.0 * speed / (speed + 0.6) + 0.25 * random.standard_normal(144)
+    rows = (f"r{r},{a:.8g},{b:.8g},{c:.8g}" for r, a, b, c in zip(run, load, speed, torque, strict=True))
+    (tmp_path / "runs.csv").write_text("\n".join(["run,load,speed,torque", *rows]) + "\n")
+    (tmp_path / "case.toml").write_text(
+        '[model]\nbase = "equation"\n[model.equation]\ntorque = "mu*load + c*speed + rest"\n'
+        "[fit]\nmu = { value = 0.3, min = 0 }\nc = { value = 1, min = 0 }\nrest = { value = 0.1, min = 0 }\n"
+        '[data]\nfiles = ["runs.csv"]\nrun = "run"\n[data.columns]\nload = { column = "load", unit = "N" }\n'
+        'speed = { column = "speed", unit = "m/s" }\ntorque = { column = "torque", unit = "N m" }\n'
+    )
+    found = discover(load_case(tmp_path))
+    sets = [[found.ranking.expressions[name].expression for name in one] for one in (found.missing, *found.rivals)]
+    assert found.verdict in ("missing", "ambiguous")
+    assert ["k*sqrt(speed)"] not in sets
+    assert all(found.ranking.columns[name] == "speed" for one in (found.missing, *found.rivals) for name in one)
+    assert not found.doubts
+    said = told(found.analysis, found).headline
+    assert found.answer_probability < 0.9
+    assert "That it depends on speed, whatever the formula, has probability 0.99." in said

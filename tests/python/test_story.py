@@ -273,6 +273,31 @@ def test_an_alarm_that_may_be_a_false_one_says_so(examples: dict[str, Example], 
     assert ("Something may be missing" in told_now[0.22]) == (verdict == "ambiguous")
 
 
+@pytest.mark.parametrize("verdict", ["missing", "ambiguous"])
+def test_what_is_surer_than_a_formula_is_said(examples: dict[str, Example], verdict: str) -> None:
+    """ "k*log(speed/1.6) and nothing else", 0.34, hid that it surely depends on the speed."""
+    example = examples[verdict]
+    found = example.story.found
+    assert found is not None
+    said = {}
+    for probability in (0.34, 0.89, 0.9):
+        unsure = replace(found, probability=probability, column=("speed", 0.97))
+        said[probability] = told(example.analysis, unsure).headline
+    for probability in (0.34, 0.89):
+        assert said[probability].endswith(" That it depends on speed, whatever the formula, has probability 0.97.")
+    assert "whatever the formula" not in said[0.9]
+    assert "whatever the formula" not in told(example.analysis, replace(found, probability=0.34, column=None)).headline
+
+
+def test_an_error_that_does_not_fall_is_not_said_to(examples: dict[str, Example]) -> None:
+    example = examples["missing"]
+    assert example.story.found is not None
+    assert "the held-out error falls from" in example.story.headline
+    rungs = example.story.found.ladder
+    worse = replace(example.story.found, ladder=(rungs[0], replace(rungs[-1], heldout_error=rungs[0].heldout_error)))
+    assert "the held-out error goes from" in told(example.analysis, worse).headline
+
+
 def test_another_name_of_the_answer_says_whose_it_is(examples: dict[str, Example]) -> None:
     example = examples["missing"]
     found = example.story.found

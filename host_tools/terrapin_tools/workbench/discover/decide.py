@@ -29,7 +29,18 @@ from terrapin_tools.workbench.noise.log_sums import logsumexp
 from terrapin_tools.workbench.noise.mishaps import KINDS
 from terrapin_tools.workbench.noise.stated import FAR
 
-__all__ = ["Class", "Decision", "Weight", "aliases", "classes", "decide", "inclusion", "weights", "with_curves"]
+__all__ = [
+    "CREDIBLE",
+    "Class",
+    "Decision",
+    "Weight",
+    "aliases",
+    "classes",
+    "decide",
+    "inclusion",
+    "weights",
+    "with_curves",
+]
 
 BEHIND = 0.1  # of the likeliest member's probability that another name of its class has at least
 BESIDE = 0.2  # of it that a formula has at least, to be told beside an effect whose size is very unusual

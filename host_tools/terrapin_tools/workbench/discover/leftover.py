@@ -22,6 +22,7 @@ from terrapin_tools.workbench.model.constants import suspected
 from terrapin_tools.workbench.model.data_columns import column_shapes, numeric_columns
 from terrapin_tools.workbench.model.effect_columns import shapes_of_each, terms_of
 from terrapin_tools.workbench.model.fitting import Fit
+from terrapin_tools.workbench.model.linearised import bounds, following
 from terrapin_tools.workbench.noise.covariance import Runs, orthonormal
 from terrapin_tools.workbench.noise.estimate import repeated_settings
 from terrapin_tools.workbench.noise.kinds import Node
@@ -94,7 +95,7 @@ def around(analysis: Analysis, fit: Fit, nodes: Collection[int] | None) -> Evide
     prediction, residual, slopes = free_slopes(fit, sigma, rows, released=True)
     base = np.concatenate([slopes / sigma[:, None, None], analysis.nuisance], axis=-1)
     runs = Runs(analysis.case.run[rows], len(residual), prediction, analysis.felt, ~analysis.noise.known)
-    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind, nodes)
+    return Evidence(runs, residual / sigma[:, None], base, analysis.noise.behind, nodes, bounds(fit)[following(fit)])
 
 
 def sd_of(analysis: Analysis, fit: Fit) -> Array:

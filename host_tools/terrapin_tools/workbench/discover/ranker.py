@@ -18,7 +18,7 @@ from terrapin_tools.workbench.model.constants import constants, error_tax
 from terrapin_tools.workbench.model.data_columns import candidates, is_phase
 from terrapin_tools.workbench.model.effect_columns import Shape
 from terrapin_tools.workbench.model.fitting import Fit, extend, fit_model
-from terrapin_tools.workbench.model.linearised import following, linearise
+from terrapin_tools.workbench.model.linearised import bounds, following, linearise
 from terrapin_tools.workbench.model.model import Bound, Model
 from terrapin_tools.workbench.model.priors import SIZE_OF_SET, of_terms
 from terrapin_tools.workbench.model.table_faults import Fault, faults, faults_over_time
@@ -92,7 +92,8 @@ class Ranker:
         # what an answer may explain: the squares beyond those of noise, which may be few by chance
         self.misfit = max(float((residual * residual).sum()) - residual.size, float(np.sqrt(2.0 * residual.size)))
         self.nodes = Evidence(self.runs, residual, self.base, self.behind, analysis.noise.kinds).among(self.columns)
-        self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes)
+        at = bounds(analysis.fit)[following(analysis.fit)]
+        self.evidence = Evidence(self.runs, residual, self.base, self.behind, self.nodes, at)
 
     def _possible(self) -> list[Fault]:
         if not self.case.base.whole_runs or not self.analysis.missing:
@@ -254,7 +255,8 @@ class Ranker:
             )
         except ValueError:
             return None
-        evidence = Evidence(self.runs, linear.residual, self._widened(linear.base), self.behind, self.nodes)
+        base = self._widened(linear.base)
+        evidence = Evidence(self.runs, linear.residual, base, self.behind, self.nodes, linear.bounds)
         if not linear.columns.shape[1]:
             return evidence.nothing - linear.lost
         picks = np.arange(linear.columns.shape[1])[None, :]
@@ -333,7 +335,7 @@ class Ranker:
                 prediction = bound.predict(absent)
         residual = (self.values - prediction) / self.sigma[:, None]
         scaled = self._widened(slopes[..., free] / self.sigma[:, None, None])
-        return Evidence(self.runs, residual, scaled, self.behind, self.nodes)
+        return Evidence(self.runs, residual, scaled, self.behind, self.nodes, bounds(fit)[free])
 
     def renamed(
         self, hypotheses: Sequence[Hypothesis]

@@ -19,7 +19,7 @@ from terrapin_tools.workbench.discover.leftover import absent, around
 from terrapin_tools.workbench.discover.ranker import Hypothesis
 from terrapin_tools.workbench.discover.ranking import Ranking
 from terrapin_tools.workbench.formulas.expressions import COLUMNS, HARDLY
-from terrapin_tools.workbench.formulas.free_curves import BUMPS, DIRECTION, ROUGH, WAVES, Bump, Curve, Waves, drawn
+from terrapin_tools.workbench.formulas.free_curves import BUMPS, DIRECTION, WAVES, Bump, Curve, Waves, drawn
 from terrapin_tools.workbench.model.data_columns import numeric_columns
 from terrapin_tools.workbench.model.priors import CURVE
 from terrapin_tools.workbench.noise.log_sums import logsumexp
@@ -98,7 +98,7 @@ def _every(analysis: Analysis) -> Iterator[Waves]:
         for by, factor in factors.items():
             own = np.abs(values) if by == DIRECTION else values
             if count >= 2 * WAVES and np.ptp(own) > 0.0:
-                yield from (Waves(name, by, own, factor, power) for power in ROUGH)
+                yield Waves(name, by, own, factor)
         if count >= BUMPS:
             yield Bump(name, "", values, factors[""])
 

@@ -12,7 +12,7 @@ from terrapin_tools.workbench.model.data_columns import is_phase
 from terrapin_tools.workbench.model.effect_columns import loudness
 from terrapin_tools.workbench.model.fitting import Fit
 
-__all__ = ["AT_BOUND", "Linear", "following", "linearise"]
+__all__ = ["AT_BOUND", "Linear", "bounds", "following", "linearise"]
 
 ABSURD = (
     1e5  # noise sd (rms): a fit that is so large off the training rows is none, and sums of squares lose all digits
@@ -22,8 +22,9 @@ AT_BOUND = 3.0  # log evidence taken off an effect whose size wants to leave its
 
 @dataclass(frozen=True)
 class Linear:
-    """Residual (channels, rows) of a fit, derivatives `base` (channels, rows, P) of the model's own parameters, and
-    `columns` (channels * rows, D) of the effects, all in noise sd; a coefficient is a size in noise sd (rms).
+    """Residual (channels, rows) of a fit, derivatives `base` (channels, rows, P) of the model's own parameters, their
+    `bounds` (P,), and `columns` (channels * rows, D) of the effects, all in noise sd; a coefficient is a size in noise
+    sd (rms).
 
     `offset` (D,): the coefficients at the fit. `signs` (D,): 1 or -1 where a coefficient can only have that sign.
     `lost`: log evidence that effects at a bound cost.
@@ -31,6 +32,7 @@ class Linear:
 
     residual: Array
     base: Array
+    bounds: Array
     columns: Array
     offset: Array
     signs: Array
@@ -43,6 +45,13 @@ def following(fit: Fit) -> Mask:
     over time."""
     own = not fit.model.case.base.whole_runs
     return np.array([f.key not in fit.at_bound or (own and f.effect is None) for f in fit.model.fitted], dtype=bool)
+
+
+def bounds(fit: Fit) -> Array:
+    """1 for each fitted parameter (fitted,) that stands at its lower bound, -1 for one at its upper, 0 for others."""
+    low = fit.theta - fit.model.lower < fit.model.upper - fit.theta
+    stuck = np.array([f.key in fit.at_bound for f in fit.model.fitted], dtype=bool)
+    return np.where(stuck, np.where(low, 1.0, -1.0), 0.0)
 
 
 def _around(fit: Fit, measured: Array, rows: Mask, sigma: Array) -> tuple[Array, Array]:
@@ -102,4 +111,4 @@ def linearise(fit: Fit, names: Sequence[str], measured: Array, rows: Mask, sigma
         free = 0.0 if waves else 1.0 if first.lower >= 0.0 else -1.0 if first.upper <= 0.0 else 0.0
         signs += [free] * len(block)
     stacked = np.array(columns).T if columns else np.zeros((residual.size, 0))
-    return Linear(residual, slopes[..., own], stacked, np.array(offset), np.array(signs), lost)
+    return Linear(residual, slopes[..., own], bounds(fit)[own], stacked, np.array(offset), np.array(signs), lost)

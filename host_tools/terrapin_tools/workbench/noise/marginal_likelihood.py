@@ -33,6 +33,7 @@ SIZES = np.array([0.3, 1.0, 3.0, 10.0, 40.0, 160.0])
 STATED = 15.0  # degrees of freedom of an sd that a user states: it is right to 18 %
 CHUNK = 1024  # columns that are handled at once; bounds the memory
 LIKELY = 1e-3  # posterior, under nothing or any one column, from which a kind of noise is weighed further; by hand
+FREE = np.zeros(0)  # no parameter stands at a bound
 ROUNDING = 1e-11  # share of a column beyond the base, below which it is the base's
 
 
@@ -42,6 +43,7 @@ class Gram:
 
     products: Array  # (nodes, D, D)
     scores: Array  # (nodes, D)
+    moves: Array  # (nodes, B, D), what each changes at the bounded parameters of the base
 
 
 class Evidence:
@@ -55,14 +57,23 @@ class Evidence:
     behind : degrees of freedom behind the noise sd: STATED where the case gives it, 0 where it is integrated over all
         values (one factor for all channels).
     nodes : kinds of noise that are weighed, places in NODES; all that so many channels may have when not given.
+    bounds : of the first parameters, 1 where one stands at a bound below which it cannot go, -1 where it cannot go
+        above, 0 where it is free, as all others are. Of the values that the data leave it those within count.
     """
 
     def __init__(
-        self, runs: Runs, residual: Array, base: Array, behind: float, nodes: Collection[int] | None = None
+        self,
+        runs: Runs,
+        residual: Array,
+        base: Array,
+        behind: float,
+        nodes: Collection[int] | None = None,
+        bounds: Array = FREE,
     ) -> None:
         self.runs, self.behind = runs, behind
         self.channels, self.rows = residual.shape
         self.nodes = tuple(range(considered(self.channels)) if nodes is None else nodes)
+        self.base, self.signs = base, bounds
         self.flat = orthonormal(base.reshape(self.channels * self.rows, -1))
         self.residual = residual.reshape(-1)
         count = self.flat.shape[1]
@@ -84,6 +95,9 @@ class Evidence:
         self.taken = np.einsum("nij,nj->ni", self.inverse, cross)  # the base's coefficients
         self.total = np.maximum(square - np.einsum("ni,ni->n", cross, self.taken), 1e-300)
         self.start = start - 0.5 * np.linalg.slogdet(inner)[1]
+        self.bounds = _inward(base.reshape(len(self.flat), -1), bounds, self.flat)
+        self.inward = self.taken @ self.bounds.T
+        self.spread = np.einsum("bi,nij,bj->nb", self.bounds, self.inverse, self.bounds)
 
     def node(self, place: int) -> Node:
         return NODES[self.nodes[place]]
@@ -94,20 +108,39 @@ class Evidence:
             return np.asarray(-0.5 * (self.behind + self.freedom) * np.log(self.behind + squares))
         return np.asarray(-0.5 * self.freedom * np.log(np.maximum(squares, 1e-300)))
 
+    def _within(self, inward: Array, spread: Array, squares: Array) -> Array:
+        """Log probability that the bounded parameters (..., B) are within, with these means and variances, in noise sd,
+        where the whitened sum of squares is `squares` (...,): the sd is integrated over, so it is Student's t, here as
+        a normal variate (Wallace, Annals of Mathematical Statistics 30, 1959)."""
+        freedom = self.behind + self.freedom
+        far = (
+            inward
+            * inward
+            / np.maximum(spread, 1e-300)
+            / np.maximum((self.behind + squares) / freedom, 1e-300)[..., None]
+        )
+        return np.asarray(log_ndtr(np.sign(inward) * np.sqrt(freedom * np.log1p(far / freedom))).sum(axis=-1))
+
+    @property
+    def _each(self) -> Array:
+        """Log evidence of "nothing is missing" in each kind of noise: (nodes,)."""
+        within = self._within(self.inward, self.spread, self.total)
+        return np.asarray(self.start + self.fit_term(self.total) + within)
+
     @property
     def nothing(self) -> float:
         """Log evidence of "nothing is missing"."""
-        return float(logsumexp(self.start + self.fit_term(self.total)))
+        return float(logsumexp(self._each))
 
     @property
     def posterior(self) -> Array:
         """Of each kind of noise, if nothing is missing: (nodes,)."""
-        logs = self.start + self.fit_term(self.total)
+        logs = self._each
         return np.asarray(np.exp(logs - logsumexp(logs)))
 
     def likeliest(self) -> tuple[Node, float]:
         """The kind of noise that is likeliest if nothing is missing, and the sd of a row in it."""
-        place = int(np.argmax(self.start + self.fit_term(self.total)))
+        place = int(np.argmax(self._each))
         return self.node(place), float(
             np.sqrt((self.behind + self.total[place]) / max(self.behind + self.freedom, 1.0))
         )
@@ -116,14 +149,12 @@ class Evidence:
         """The same with two kinds of noise: white, and the likeliest one if nothing is missing."""
         best = self.nodes[int(np.argmax(self.posterior))]
         shape = (self.channels, self.rows)
-        return Evidence(
-            self.runs, self.residual.reshape(shape), self.flat.reshape(*shape, -1), self.behind, sorted({0, best})
-        )
+        return Evidence(self.runs, self.residual.reshape(shape), self.base, self.behind, sorted({0, best}), self.signs)
 
     def among(self, columns: Array) -> tuple[int, ...]:
         """Kinds of noise (places in NODES) that are likely if nothing is missing, or any one of columns
         (channels * rows, D), and those in which runs are alike."""
-        norms, scores = self._free(columns)
+        norms, scores, _ = self._free(columns)
         gain = (scores**2 / np.maximum(norms, 1e-300)) if columns.shape[1] else np.zeros((len(self.nodes), 0))
         logs = self.start[:, None] + self.fit_term(self.total[:, None] - np.column_stack([np.zeros(len(gain)), gain]))
         share = np.exp(logs - logsumexp(logs, axis=0)).max(axis=1)
@@ -147,23 +178,27 @@ class Evidence:
         """Products of columns (channels * rows, D) with each other and the residual, beyond the base."""
         count = columns.shape[1]
         products, scores = np.empty((len(self.nodes), count, count)), np.empty((len(self.nodes), count))
+        moves = np.empty((len(self.nodes), len(self.bounds), count))
         for kind, places in self.filters.items():
             white, nodes = self.runs.filtered(columns, kind), [self.node(place) for place in places]
             shared, score = self._shared(kind, white, nodes)
             own = self.runs.products(white, white).each(nodes)
             products[places] = own - np.swapaxes(shared, 1, 2) @ (self.inverse[places] @ shared)
             scores[places] = score - np.einsum("ni,nij->nj", self.taken[places], shared)
-        return Gram(products, scores)
+            moves[places] = self.bounds @ self.inverse[places] @ shared
+        return Gram(products, scores, moves)
 
     def _shared(self, kind: Kind, white: Filtered, nodes: Sequence[Node]) -> tuple[Array, Array]:
         """Products of filtered columns with the base (nodes, parameters, D), and with the residual (nodes, D)."""
         found = self.runs.products(self.both[kind], white).each(nodes)
         return found[:, :-1], found[:, -1]
 
-    def _free(self, columns: Array) -> tuple[Array, Array]:
-        """Squared length of each column (channels * rows, D) beyond the base, and its product with the residual."""
+    def _free(self, columns: Array) -> tuple[Array, Array, Array]:
+        """Squared length of each column (channels * rows, D) beyond the base, its product with the residual, and what
+        it changes at the bounded parameters of the base (nodes, B, D)."""
         count = columns.shape[1]
         norms, scores = np.empty((len(self.nodes), count)), np.empty((len(self.nodes), count))
+        moves = np.empty((len(self.nodes), len(self.bounds), count))
         for kind, places in self.filters.items():
             for begin in range(0, count, CHUNK):
                 part = slice(begin, min(begin + CHUNK, count))
@@ -174,21 +209,32 @@ class Evidence:
                 score = score - np.einsum("ni,nij->nj", self.taken[places], shared)
                 visible = norm > ROUNDING * whole
                 norms[places, part], scores[places, part] = np.where(visible, norm, 0.0), np.where(visible, score, 0.0)
-        return norms, scores
+                moves[places, :, part] = self.bounds @ self.inverse[places] @ shared
+        return norms, scores, moves
 
     def single(self, columns: Array) -> Array:
         """Log evidence of each column (channels * rows, D) alone, size free in sign: (D,)."""
-        norms, scores = self._free(columns)
+        norms, scores, moves = self._free(columns)
+        moves = np.swapaxes(moves, 1, 2)
         found = np.full(columns.shape[1], -np.inf)
         for size in SIZES:
             shrink = 1.0 + size * size * norms
             gain = size * size * scores**2 / shrink
-            logs = self.start[:, None] + self.fit_term(self.total[:, None] - gain) - 0.5 * np.log(shrink)
+            left, mean = self.total[:, None] - gain, (size * size * scores / shrink)[..., None]
+            spread = self.spread[:, None] + moves**2 * (size * size / shrink)[..., None]
+            logs = self.start[:, None] + self.fit_term(left) - 0.5 * np.log(shrink)
+            logs += self._within(self.inward[:, None] - moves * mean, spread, left)
             found = np.logaddexp(found, logsumexp(logs, axis=0))
         return np.asarray(found - np.log(len(SIZES)))
 
     def pairs(self, gram: Gram, first: Index, second: Index, signs: Array | None = None) -> Array:
         """Log evidence of pairs of single columns of one Gram: (pairs,); `signs` (pairs, 2) as of `blocks`."""
+        if len(self.bounds):  # which has no form as short
+            picks = np.column_stack([first, second])
+            free = np.zeros(picks.shape) if signs is None else signs
+            cuts = range(CHUNK, len(picks), CHUNK)
+            parts = zip(np.split(picks, cuts), np.split(free, cuts), strict=True)
+            return np.concatenate([self.blocks(gram, own, sign) for own, sign in parts])
         bounded = np.flatnonzero(np.any(signs, axis=1)) if signs is not None else np.zeros(0, dtype=int)
         found = np.full(len(first), -np.inf)
         for place in range(len(self.nodes)):
@@ -218,17 +264,23 @@ class Evidence:
         count = picks.shape[1]
         a = gram.products[:, picks[:, :, None], picks[:, None, :]]  # (nodes, sets, d, d)
         scores, totals = gram.scores, self.total[:, None]
+        moves, inward = gram.moves[:, :, picks].transpose(0, 2, 3, 1), self.inward[:, None]
         if offset is not None:  # the residual at coefficients 0 is that at `offset` plus columns * offset
             moved = np.einsum("rij,j->ri", gram.products, offset)
             totals = totals + (2.0 * gram.scores @ offset + moved @ offset)[:, None]
-            scores = gram.scores + moved
+            scores, inward = gram.scores + moved, inward + (gram.moves @ offset)[:, None]
         b = scores[:, picks]
         best = np.full((len(SIZES), *b.shape[:2]), -np.inf)
         for i, size in enumerate(SIZES):
             inner = np.eye(count) + size * size * a
             solved = np.linalg.solve(inner, b[..., None])[..., 0] * size * size
             gain = (b * solved).sum(axis=-1)
-            logs = self.fit_term(np.maximum(totals - gain, 1e-300)) - 0.5 * np.linalg.slogdet(inner)[1]
+            left = np.maximum(totals - gain, 1e-300)
+            logs = self.fit_term(left) - 0.5 * np.linalg.slogdet(inner)[1]
+            if len(self.bounds):
+                mean = inward - np.einsum("nsd,nsdb->nsb", solved, moves)
+                own = size * size * (moves * np.linalg.solve(inner, moves)).sum(axis=2)
+                logs = logs + self._within(mean, self.spread[:, None] + own, left)
             if np.any(signs):
                 spread = size * np.sqrt(np.maximum(np.diagonal(np.linalg.inv(inner), axis1=-2, axis2=-1), 1e-300))
                 inside = np.log(2.0) + log_ndtr(signs * solved / spread)
@@ -236,3 +288,15 @@ class Evidence:
             best[i] = logs
         logs = best + self.start[:, None]
         return np.asarray(logsumexp(logs, axis=(0, 1)) - np.log(len(SIZES)))
+
+
+def _inward(columns: Array, bounds: Array, flat: Array) -> Array:
+    """What an orthonormal basis of the columns (rows, parameters) adds to each parameter that stands at a bound, away
+    from it: (B, count)."""
+    norm = np.linalg.norm(columns, axis=0)
+    at = np.flatnonzero(bounds) if bounds.any() else np.zeros(0, dtype=int)
+    at = at[norm[at] > 0.0]
+    if not len(at):
+        return np.zeros((0, flat.shape[1]))
+    inverse = np.linalg.pinv(np.where(norm > 0.0, columns / np.maximum(norm, 1e-300), 0.0))
+    return np.asarray(bounds[at, None] * (inverse[at] @ flat))

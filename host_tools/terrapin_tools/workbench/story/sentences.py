@@ -14,6 +14,7 @@ from terrapin_tools.workbench.compare.intervals import Interval
 from terrapin_tools.workbench.compare.noise_findings import NoiseFinding
 from terrapin_tools.workbench.compare.together import Together
 from terrapin_tools.workbench.discover.certainty import EVEN, Operating
+from terrapin_tools.workbench.discover.decide import CREDIBLE
 from terrapin_tools.workbench.discover.ranking import Blamed
 from terrapin_tools.workbench.discover.resampled import Selected
 from terrapin_tools.workbench.experiment.hidden_period import HiddenPeriod
@@ -252,12 +253,21 @@ def headline(
 def _missing(found: Findings, sure: str, missing: str, units: Mapping[str, str]) -> str:
     if found.verdict == "ambiguous":
         sets, be = _either([spelt(found, one) for one in found.rivals]), "may be" if _or_nothing(found) else "is"
-        return f"Something {be} missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
+        cannot = f"Something {be} missing, and these data cannot tell what: {sets}. Likeliest: {missing} ({sure})."
+        return cannot + _function(found)
     if found.verdict == "unexplained":
         return _unexplained(found, sure)
     if found.verdict == "partial" and found.part:
         return _partial(found, found.part, missing, units)
-    return _lacking(found, sure, missing)
+    return _lacking(found, sure, missing) + _function(found)
+
+
+def _function(found: Findings) -> str:
+    """What is surer than any formula: the column that what is missing depends on."""
+    if found.column is None or found.probability >= CREDIBLE:
+        return ""
+    column, probability = found.column
+    return f" That it depends on {column}, whatever the formula, has probability {chance(probability)}."
 
 
 def _or_nothing(found: Findings) -> str:
@@ -285,7 +295,8 @@ def _lacking(found: Findings, sure: str, missing: str) -> str:
     fall = ""
     if before is not None and after is not None:
         how = "put right," if faults else "with it"
-        fall = f": {how} the held-out error falls from {in_sd(before)} to {in_sd(after)} noise sd"
+        goes = "the held-out error falls from" if after < before else "the held-out error goes from"
+        fall = f": {how} {goes} {in_sd(before)} to {in_sd(after)} noise sd"
     if not faults:
         return f"With probability {sure} the model lacks {missing} and nothing else{fall}."
     what = "; ".join(title(one, "", found.together.get(one.effect, one.parameters)) for one in faults)

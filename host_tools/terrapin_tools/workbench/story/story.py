@@ -184,6 +184,7 @@ class Findings:
     front: tuple[Step, ...] = ()  # the likeliest set of no, one, two ... terms
     weighed: tuple[Weight, ...] = ()  # all that was, likeliest first
     formulas: Mapping[str, str] = field(default_factory=dict)  # what each expression says that is named anywhere here
+    column: tuple[str, float] | None = None  # of all formulas that are named; that what is missing is a function of it
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 import numpy.typing as npt
@@ -202,7 +203,17 @@ def found_by(discovery: Discovery) -> Findings:
         front=discovery.front,
         weighed=discovery.weighed,
         formulas=formulas,
+        column=_column(discovery),
     )
+
+
+def _column(discovery: Discovery) -> tuple[str, float] | None:
+    """The one column of all formulas that are named, and the probability that what is missing is a function of it."""
+    columns = {discovery.ranking.columns.get(name, "") for name in chain(discovery.missing, *discovery.rivals)}
+    sure = [c.column_probability for c in discovery.candidates if c.effect.name in discovery.missing]
+    if len(columns) > 1 or not sure or sure[0] is None:
+        return None
+    return columns.pop(), sure[0]
 
 
 def _formulas(discovery: Discovery) -> dict[str, str]:
