@@ -448,3 +448,20 @@ def test_a_run_rolls_and_is_kept(page: Page, server: Server, scheme: str) -> Non
     scenario = next((server.workspace / "runs").glob("slope_limiter-*/slope_limiter.toml")).read_text()
     assert "stribeck" in scenario
     assert 'terrain = "agricultural"' in scenario
+
+    own = page.locator("tr[data-run][aria-current]")  # of the runs that is shown, which is in the case in any case
+    expect(own).to_have_count(1)
+    expect(own.get_by_role("checkbox")).to_be_checked()
+    expect(own.get_by_role("checkbox")).to_be_disabled()
+    others = page.locator("tr[data-run]:not([aria-current])")
+    if scheme == "dark":  # the first one's, from the server that both have
+        [mine, earlier] = [str(one.get_attribute("data-run")) for one in (own, others.first)]
+        expect(others.first.get_by_role("checkbox")).not_to_be_checked()
+        others.first.get_by_role("button", name=earlier, exact=True).click()
+        expect(page.locator(f"tr[data-run='{earlier}']")).to_have_attribute("aria-current", "")
+        expect(own).to_have_count(1)
+        expect(page.locator(f"tr[data-run='{mine}'] input")).not_to_be_checked()
+        expect(page.locator(f"tr[data-run='{mine}'] input")).to_be_enabled()
+        page.get_by_role("button", name=f"Remove {mine}").click()
+        expect(page.locator(f"tr[data-run='{mine}']")).to_have_count(0)
+        expect(page.locator(f"tr[data-run='{earlier}']")).to_have_count(1)

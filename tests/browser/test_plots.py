@@ -212,6 +212,66 @@ def test_legend_and_logarithmic_axes(page: Page, server: Server, tmp_path: Path)
     expect(button).to_have_attribute("aria-pressed", "true")
 
 
+def test_keys_and_wheel_go_through_a_plot(page: Page, server: Server, tmp_path: Path) -> None:
+    """To its rows and back, nearer, further and aside; the same numbers as a table."""
+    server.ask("POST", "/api/examples/heated_motor")
+    page.goto(f"{server.line}#workbench/heated_motor")
+    expect(page.locator(".lead .chip")).to_be_visible()
+    overlay, tip = page.locator(".plots .plot").first, page.locator(".plots .plot .tip").first
+    canvas = overlay.locator("canvas")
+
+    def marks() -> list[float]:
+        """On the x axis, where there is one of temperature."""
+        picture = ElementTree.parse(saved(page, "Model and measurement: save as SVG", tmp_path / "plot.svg"))
+        texts = [
+            one for one in picture.iter("{http://www.w3.org/2000/svg}text") if re.fullmatch(r"[\d.]+", one.text or "")
+        ]
+        low = max(float(one.get("y", 0)) for one in texts)
+        return [float(one.text or "") for one in texts if float(one.get("y", 0)) == low]
+
+    seen = []
+    for key in ("Home", "ArrowRight", "End", "ArrowLeft"):
+        canvas.press(key)
+        expect(tip).to_be_visible()
+        seen.append(tip.text_content())
+    assert len(set(seen)) == 4
+    expect(overlay.locator("[aria-live]")).to_have_text(seen[-1] or "")
+    canvas.press("Home")
+    expect(tip).to_have_text(seen[0] or "")
+    canvas.press("Escape")
+    expect(tip).to_be_hidden()
+
+    whole = marks()
+    for _ in range(4):
+        canvas.press("Shift+ArrowRight")
+    moved = marks()
+    assert moved[0] > whole[0]
+    assert moved[-1] > whole[-1]
+    canvas.press("0")
+    assert marks() == whole
+    box = canvas.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 0.5 * box["height"])
+    page.mouse.wheel(0, -100)  # the page's own
+    expect(overlay).to_have_attribute("data-zoomed", "")
+    page.keyboard.down("Control")
+    for _ in range(5):
+        page.mouse.wheel(0, -100)
+    page.keyboard.up("Control")
+    expect(overlay).to_have_attribute("data-zoomed", "yes")
+    assert whole[0] < marks()[0] < marks()[-1] < whole[-1]
+    page.get_by_role("button", name="Model and measurement: show all, pick none out").click()
+    assert marks() == whole
+
+    page.get_by_role("button", name="Table").click()
+    table = page.get_by_role("region", name="Residual, table")
+    rows = saved(page, "Residual: save its rows as CSV", tmp_path / "rows.csv").read_text().splitlines()
+    expect(table.locator("tbody tr")).to_have_count(len(rows) - 1)
+    expect(table.locator("th").first).to_have_text("run")
+    page.get_by_role("button", name="Table").click()
+    expect(table).to_have_count(0)
+
+
 def test_another_case_over_and_beside(page: Page, server: Server) -> None:
     """Two cases on the same axes, side by side, and why one of another kind cannot lie over it; a model not added."""
     for name in ("warm", "cool"):

@@ -52,7 +52,7 @@ export class RunList {
     const { app, refusals, open } = this.desk;
     const remove = () => refusals.attempt(() => app.api(`simulate/${encodeURIComponent(one.name)}`, { method: 'DELETE' })).then(() => this.list());
     return h('tr', { 'data-run': one.name },
-      h('td', {}, h('input', { type: 'checkbox', 'aria-label': `${one.name} in the case`, checked, disabled: !one.complete })),
+      h('td', {}, h('input', { type: 'checkbox', 'aria-label': `${one.name} in the case`, checked, 'data-cut': one.complete ? null : '' })),
       h('td', {}, h('button', { type: 'button', class: 'quiet', text: one.name, onclick: () => open(one.name) })),
       h('td', { text: String(one.seed) }),
       h('td', { class: one.passed ? 'good' : 'warn', text: one.complete ? (one.passed ? 'hold' : 'some fail') : 'cut short' }),
@@ -65,7 +65,7 @@ export class RunList {
       line.toggleAttribute('aria-current', here);
       box.checked = here || (box.checked && !box.dataset.own);
       box.dataset.own = here ? '1' : '';
-      box.disabled = here || box.disabled;
+      box.disabled = here || 'cut' in box.dataset;
     }
   }
 
