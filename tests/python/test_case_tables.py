@@ -199,6 +199,7 @@ def test_a_second_clock_is_not_predicted_either_and_times_alone_make_no_case(
     assert terrapin(capsys, "case", table, "--to", tmp_path / "case")[0] == 0
     told = tomllib.loads((tmp_path / "case/case.toml").read_text())
     assert told["model"]["equation"] == {"force": "offset + gradient*t"}, "nothing else is there"
+    assert told["data"]["columns"]["time"] == {"column": "Zeit [ms]", "unit": "ms"}
     table.write_text("t,Zeit [ms]\n" + "".join(f"{i},{1000 * i}\n" for i in range(20)))
     status, _, err = terrapin(capsys, "case", table, "--to", tmp_path / "none")
     assert status == 2
@@ -213,7 +214,7 @@ def test_a_column_with_a_gap_is_mapped_and_the_gap_told(tmp_path: Path, capsys: 
     status, out, _ = terrapin(capsys, "case", table, "--to", tmp_path / "case")
     assert status == 0
     assert "  clock as time: [s] since 12:00:00\n" in out
-    assert "clock [s] = clock, s\n" in out
+    assert "clock [s] = time, s\n" in out
     assert "Not numbers" not in out
     assert "y = y" in out
     assert "Rows with a gap in a mapped column will be left out: y 1." in out

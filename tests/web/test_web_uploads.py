@@ -241,7 +241,7 @@ def test_a_heading_is_told_as_a_name_in_letters(server: Server) -> None:
     text = "t [s];Öltemperatur [°C];Débit (l/min);ω_Welle;5 V rail\n0;20;1;2;3\n1;21;1;2;3\n"
     upload = good(server, "a.csv", text.encode())
     names = [column["name_guess"] for column in upload["columns"]]
-    assert names == ["t", "oeltemperatur", "debit", "omega_welle", "c_5_v_rail"]
+    assert names == ["time", "oeltemperatur", "debit", "omega_welle", "c_5_v_rail"]
 
 
 def test_a_file_keeps_its_name_in_letters(server: Server) -> None:

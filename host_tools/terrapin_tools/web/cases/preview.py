@@ -28,6 +28,7 @@ from terrapin_tools.workbench.files.streamed_tables import stream
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.new_case.from_tables import (
     base_of,
+    clock_of,
     distinct_names,
     guess_base,
     guess_columns,
@@ -145,7 +146,7 @@ def _answer(
     kind: str, rows: int, numeric: list[str], gathered: _Columns, run_column: str | None, warnings: list[str]
 ) -> dict[str, Any]:
     guesses = {guess.column: guess for guess in guess_columns(numeric, gathered.text)}
-    names = distinct_names(gathered.names)
+    names = distinct_names(gathered.names, clock_of(guesses.values()))
     columns = []
     for name in gathered.names:
         guess = guesses.get(name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import takewhile
 from pathlib import Path
@@ -45,7 +45,8 @@ from terrapin_tools.workbench.new_case.reading import (
 FEW_RUNS = 2  # of which none is held out: one run alone does not tell what differs between runs
 
 __all__ = [
-    "Guess", "base_of", "distinct_names", "guess_base", "guess_columns", "guess_run", "split_unit", "write_table_case",
+    "Guess", "base_of", "clock_of", "distinct_names", "guess_base", "guess_columns", "guess_run", "split_unit",
+    "write_table_case",
 ]  # fmt: skip
 
 SUFFIXES = {  # endings of names that are units, longest first where one ends another
@@ -546,19 +547,24 @@ def _names(mapped: Sequence[Guess], base: Base) -> list[str]:
     """What each column is called in case.toml, none twice."""
     if not base.own_names:
         return [str(guess.name) for guess in mapped]
-    return list(distinct_names([guess.column for guess in mapped]).values())
+    return list(distinct_names([guess.column for guess in mapped], clock_of(mapped)).values())
 
 
-def distinct_names(columns: Sequence[str] | Mapping[str, object]) -> dict[str, str]:
-    """Column -> a name that case.toml can use, none twice.
+def clock_of(guesses: Iterable[Guess]) -> str:
+    """The column that is the time, "" where none is."""
+    return next((guess.column for guess in guesses if guess.name == "time"), "")
+
+
+def distinct_names(columns: Sequence[str] | Mapping[str, object], clock: str = "") -> dict[str, str]:
+    """Column -> a name that case.toml can use, none twice; that of the clock is `time`, which is no setting.
 
     >>> distinct_names(["\u00d6ltemperatur [\u00b0C]", "5 V rail", "T_K", "T [degC]"])
     {'\u00d6ltemperatur [\u00b0C]': 'oeltemperatur', '5 V rail': 'c_5_v_rail', 'T_K': 't', 'T [degC]': 't_'}
     """
     found: dict[str, str] = {}
-    taken: set[str] = set()
+    taken = {"time"} if clock else set[str]()
     for column in columns:
-        found[column] = free_name(_name(column), taken)
+        found[column] = "time" if column == clock else free_name(_name(column), taken)
         taken.add(found[column])
     return found
 

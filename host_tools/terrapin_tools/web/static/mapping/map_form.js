@@ -93,8 +93,7 @@ export class MapForm {
     const { base } = this;
     const free = base.own_names;
     const names = free ? [] : [...base.channels.map((c) => c.name), ...base.roles.map((r) => r.name)];
-    const own = base.own_dynamics && column.role_guess === 'time' ? 'time' : column.name_guess;
-    const guess = typed?.name !== undefined ? typed.name : free ? own : column.role_guess && names.includes(column.role_guess) && !base.left_out.includes(column.role_guess) ? column.role_guess : '';
+    const guess = typed?.name !== undefined ? typed.name : free ? column.name_guess : column.role_guess && names.includes(column.role_guess) && !base.left_out.includes(column.role_guess) ? column.role_guess : '';
     const is = free ? h('input', { type: 'text', value: guess, 'aria-label': `name of ${column.name}; empty: not mapped` })
       : h('select', { 'aria-label': `what ${column.name} is` }, h('option', { value: '', text: 'not mapped' }),
         h('optgroup', { label: 'measured (predicted by the model)' }, base.channels.map((c) => h('option', { value: c.name, text: c.name, selected: c.name === guess }))),
