@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,4 +41,9 @@ def picture(file: Path, size: tuple[float, float], style: Any) -> Iterator[Any]:
     with rc_context(STYLE | style):
         figure = Figure(figsize=size, layout="constrained")
         yield figure
-        figure.savefig(file, metadata={"Date": None} if file.suffix.lower() == ".svg" else {"Software": None})
+        kind, page = file.suffix.lower().removeprefix("."), io.BytesIO()
+        figure.savefig(page, format=kind, metadata={"Date": None} if kind == "svg" else {"Software": None})
+    try:
+        file.write_bytes(page.getvalue())
+    except OSError as error:  # a full disk's does not say which file
+        raise type(error)(error.errno, error.strerror, str(file)) from None

@@ -388,10 +388,11 @@ def test_ctrl_c(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-def test_full_disk(tmp_path: Path, terrapin: Callable[..., Done]) -> None:
+@pytest.mark.parametrize("file", ["telemetry.log", "truth.csv"])
+def test_full_disk(tmp_path: Path, terrapin: Callable[..., Done], file: str) -> None:
     out = tmp_path / "out"
     out.mkdir()
-    (out / "telemetry.log").symlink_to("/dev/full")
+    (out / file).symlink_to("/dev/full")
     done = terrapin("run", "steady_sand", "--out", str(out))
     assert done.returncode == 1
     assert done.stderr == f"terrapin: {out}: cannot write the log: No space left on device\n"

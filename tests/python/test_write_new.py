@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import subprocess
 import sys
 import threading
@@ -11,9 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from terrapin_tools.workbench.files.writing import write_new
+from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.files.writing import copy_example, write_new
 
 TABLE = "run,speed [rad/s],current [A]\n" + "".join(f"r{n % 4},{n}.0,{0.1 * n:.1f}\n" for n in range(40))
+
+
+TERRAPIN = [sys.executable, "-c", "from terrapin_tools.cli import main; main()"]
 
 
 def _none(*_: object) -> None:
@@ -72,3 +77,25 @@ def test_who_comes_second_is_refused(tmp_path: Path, words: list[str], made: str
     assert len(done.stderr.splitlines()) == 1
     assert "expected a new" in done.stderr
     assert (tmp_path / made).read_text() == "of another"
+
+
+def test_an_example_that_finds_no_room_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not the list of every file and of the folder that it was begun in."""
+
+    def full(source: str, target: str) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), source, None, target)
+
+    monkeypatch.setattr(shutil, "copy2", full)
+    with pytest.raises(UserError) as said:
+        copy_example("heated_motor", tmp_path / "new")
+    assert str(said.value) == f"{tmp_path / 'new'}: No space left on device, expected a folder that can be written"
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
+def test_a_picture_that_finds_no_room_is_named(tmp_path: Path) -> None:
+    (tmp_path / "x.csv").write_text(TABLE)
+    (tmp_path / "x.png").symlink_to("/dev/full")
+    words = ("look", "x.csv", "--plot", "x.png")
+    done = subprocess.run([*TERRAPIN, *words], cwd=tmp_path, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (1, "terrapin: x.png: No space left on device\n")

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import hashlib
+import os
+import re
 import shutil
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
@@ -11,8 +14,9 @@ from typing import IO, Any
 
 import pytest
 
+from terrapin_tools.web.service import jobs as jobs_module
 from terrapin_tools.web.service.events import Events
-from terrapin_tools.web.service.jobs import Jobs
+from terrapin_tools.web.service.jobs import ENDED, Jobs
 from terrapin_tools.web.service.warm import Warm
 from terrapin_tools.web.service.workspace import Workspace
 from terrapin_tools.workbench.files.writing import WRITTEN, write_changed
@@ -195,3 +199,115 @@ def test_a_case_that_is_there_stays_whatever_is_cancelled(workspace: Workspace) 
 
     assert asyncio.run(go()) == ("failed", "case: 'one' exists, expected a new name")
     assert (one / "case.toml").read_text() == "as it was\n"
+
+
+class FullDisk:
+    """From when it is full, a job's file is refused as a full disk refuses it."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.full = False
+        self._write = jobs_module.write_whole
+        monkeypatch.setattr(jobs_module, "write_whole", self)
+
+    def __call__(self, path: Path, text: str | bytes) -> None:
+        if self.full:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+        self._write(path, text)
+
+
+def test_a_job_that_a_full_disk_refused_never_runs(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It was refused to whom asked for it, and must not change the case when the next one comes."""
+    disk = FullDisk(monkeypatch)
+    disk.full = True
+
+    async def go() -> tuple[int, bool]:
+        jobs = Jobs(workspace, SlowWarm(SlowProcess(workspace.case("one"))), Events())
+        with pytest.raises(OSError, match="No space left"):
+            jobs.add("add", "one", [["add"]], restore=workspace.case("one"))
+        return len(jobs.all()), jobs.busy("one")
+
+    assert asyncio.run(go()) == (0, False)
+
+
+def test_a_job_that_ends_on_a_full_disk_is_told_and_the_next_one_begins(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    disk = FullDisk(monkeypatch)
+
+    async def go() -> tuple[list[str], list[dict[str, Any]]]:
+        events, process = Events(), SlowProcess(workspace.case("one"))
+        jobs, sent = Jobs(workspace, SlowWarm(process), events), list[dict[str, Any]]()
+        monkeypatch.setattr(events, "send", sent.append)
+        first, second = (jobs.add("compare", "one", [["compare"]]) for _ in range(2))
+        await process.begun.wait()
+        disk.full = True
+        monkeypatch.setattr(process, "stop", _at_once)
+        await jobs.cancel(first.id)
+        async with asyncio.timeout(BOUND):
+            while second.state not in ENDED:  # it begins, and finds the disk full
+                await asyncio.sleep(0.01)
+        return [first.state, second.state], [event for event in sent if event.get("state") in ENDED]
+
+    states, told = asyncio.run(go())
+    assert states == ["cancelled", "failed"]
+    assert [event["state"] for event in told] == states
+    assert "No space left on device; after a restart" in capsys.readouterr().err
+
+
+async def _at_once() -> None:
+    pass
+
+
+def test_a_copy_that_finds_no_room_leaves_nothing_and_says_one_thing(
+    workspace: Workspace, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = workspace.case("one") / ".terrapin"
+    kept.mkdir()
+    for name in ("history.jsonl", "discover.json"):
+        (kept / name).write_text("{}\n")
+    copy = shutil.copy2
+
+    def full(source: str, target: str, **how: Any) -> Any:
+        if Path(source).parent == kept:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(source), None, str(target))
+        return copy(source, target, **how)
+
+    monkeypatch.setattr(shutil, "copy2", full)
+
+    async def go() -> Any:
+        jobs = Jobs(workspace, SlowWarm(SlowProcess(workspace.case("one"))), Events())
+        job = jobs.add("add", "one", [["add"]], restore=workspace.case("one"))
+        assert job.task is not None
+        await job.task
+        return job
+
+    job = asyncio.run(go())
+    part = workspace.folder("jobs") / f"{job.id}.part"
+    assert re.fullmatch(re.escape(f"{part}/.terrapin/") + r"\w+\.jsonl?: No space left on device", job.error)
+    assert not part.exists()
+
+
+def test_what_a_job_changed_is_put_back_on_a_full_disk(workspace: Workspace, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the commands keep is moved: a copy would begin by emptying the file that is there."""
+    folder = workspace.case("one")
+    kept = folder / ".terrapin" / "versions"
+    kept.mkdir(parents=True)
+    (kept / "undo-000000001.toml").write_text("before\n")
+
+    async def go() -> None:
+        process = SlowProcess(folder)
+        jobs = Jobs(workspace, SlowWarm(process), Events())
+        job = jobs.add("add", "one", [["add"]], restore=folder)
+        await process.begun.wait()
+        (kept / "undo-000000001.toml").write_text("half done\n")
+        monkeypatch.setattr(shutil, "copyfileobj", _full)
+        monkeypatch.setattr(shutil, "_fastcopy_sendfile", _full)
+        await jobs.cancel(job.id)
+
+    asyncio.run(go())
+    assert (kept / "undo-000000001.toml").read_text() == "before\n"
+    assert (folder / "case.toml").read_text() == "as it was\n"
+
+
+def _full(*_: Any) -> None:
+    raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

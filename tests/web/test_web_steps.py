@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import os
 from pathlib import Path
 
 import pytest
@@ -74,6 +76,34 @@ def test_a_new_change_ends_the_way_forward(case: Path) -> None:
     history.step(case, "undo")
     history.step(case, "undo")
     assert raw(case) == first
+
+
+def test_a_change_that_is_refused_takes_no_step_away(case: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a full disk the way forward was gone, though nothing was changed."""
+    monkeypatch.setattr(history, "VERSIONS_LIMIT", 2)
+    for number in (1, 2, 3):
+        text = load_case(case).text
+        history.rewrite(case, text, text + f"# {number}\r\n")
+    history.step(case, "undo")
+    before, text = history.steps(case), load_case(case).text
+    with pytest.raises(UserError, match="changed since it was read"):
+        history.rewrite(case, text + "# of somebody else\r\n", text + "# 4\r\n")
+    assert history.steps(case) == before == {"undo": 1, "redo": 1}
+
+
+def test_a_step_that_finds_no_room_costs_no_older_one(case: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(history, "VERSIONS_LIMIT", 2)
+    for number in (1, 2):
+        text = load_case(case).text
+        history.rewrite(case, text, text + f"# {number}\r\n")
+
+    def full(path: Path, text: bytes) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(path))
+
+    monkeypatch.setattr(history, "write_whole", full)
+    text = load_case(case).text
+    history.rewrite(case, text, text + "# 3\r\n")
+    assert history.steps(case) == {"undo": 2, "redo": 0}
 
 
 def test_what_was_cancelled_is_no_step(case: Path) -> None:

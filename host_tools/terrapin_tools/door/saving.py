@@ -16,7 +16,7 @@ from terrapin_tools.workbench.case.case import Case, load_case
 from terrapin_tools.workbench.files.arrow_tables import to_arrow
 from terrapin_tools.workbench.files.tables import Table
 from terrapin_tools.workbench.files.times import has_times
-from terrapin_tools.workbench.files.writing import write_whole
+from terrapin_tools.workbench.files.writing import copy_folder, write_whole
 
 __all__ = ["same_rows", "write_folder"]
 
@@ -39,7 +39,7 @@ def write_folder(case: Case, folder: Path) -> None:
     """Fills the empty folder. UserError when what stands there then is another case than this: a file has changed."""
     text = case.text
     if not case.held:
-        shutil.copytree(case.folder, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".terrapin"))
+        copy_folder(case.folder, folder, without=".terrapin")
         text = _bring(case, folder)
     for name, table in case.held.items():
         import pyarrow.parquet

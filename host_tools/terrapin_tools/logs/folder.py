@@ -89,8 +89,11 @@ class RunFolder:
 
     def close(self) -> None:
         """Closes the files. Closing twice is allowed."""
-        self._log.close()
-        self._truth.close()
+        with writing(self.folder):
+            try:
+                self._log.close()
+            finally:
+                self._truth.close()
 
     def _describe(self, result: Mapping[str, Any], checks: list[dict[str, Any]] | None = None) -> None:
         scenario = self._scenario

@@ -30,7 +30,7 @@ from terrapin_tools.errors import UserError
 from terrapin_tools.web.service.events import Events
 from terrapin_tools.web.service.warm import Process, Warm
 from terrapin_tools.web.service.workspace import NotThere, Taken, Workspace
-from terrapin_tools.workbench.files.writing import WRITTEN, put_back, write_whole
+from terrapin_tools.workbench.files.writing import WRITTEN, copy_folder, put_back, write_whole
 
 __all__ = ["ENDED", "Job", "Jobs", "for_a_shell"]
 
@@ -113,8 +113,8 @@ class Jobs:
             identifier, do, case, command, steps, str(restore) if restore else None, str(fresh) if fresh else None,
             created=time.time(), done=done,
         )  # fmt: skip
+        self._save(job)  # before it waits: one that could not be kept was refused, and never runs
         self._jobs[identifier] = job
-        self._save(job)
         self._tell(job)
         self._forget()
         self._next()
@@ -222,10 +222,8 @@ class Jobs:
             error = f"internal error: {type(problem).__name__}: {problem}"
             print(f"terrapin: job {job.id}: {error}", file=sys.stderr)
         finally:
-            try:
-                self._end(job, state, error)
-            finally:  # on a full disk too
-                self._next()
+            self._end(job, state, error)
+            self._next()
 
     async def _step(self, job: Job, step: list[str]) -> tuple[str | None, Any]:
         """Run one command line: its complaint (None when it ended well) and its answer. Cancelling ends the process."""
@@ -267,13 +265,20 @@ class Jobs:
             job.result = None
         job.state, job.error, job.done, job.task = state, error, None, None
         self._put_back(job)
-        self._save(job)
+        self._keep_ended(job)
         self._tell(job)
 
     def _tell(self, job: Job) -> None:
         self._events.send({"job": job.id, "case": job.case, "do": job.do, "state": job.state, "error": job.error})
         if job.state in ENDED and job.case is not None:
             self._events.send({"case": job.case})
+
+    def _keep_ended(self, job: Job) -> None:
+        """An ended job that cannot be kept has ended all the same: a full disk stops neither the queue nor a start."""
+        try:
+            self._save(job)
+        except OSError as problem:
+            print(f"terrapin: {problem.filename}: {problem.strerror}; after a restart it is not known", file=sys.stderr)
 
     def _save(self, job: Job) -> None:
         write_whole(self._folder / f"{job.id}.json", json.dumps(job.kept(), allow_nan=False) + "\n")
@@ -287,11 +292,14 @@ class Jobs:
         if job.restore is None:
             return
         folder, part = Path(job.restore), self._folder / f"{job.id}.part"
-        part.mkdir()
-        shutil.copy2(folder / "case.toml", part / "case.toml")
-        if (folder / ".terrapin").is_dir():
-            shutil.copytree(folder / ".terrapin", part / ".terrapin")
-        os.replace(part, self._folder / f"{job.id}.before")  # there whole or not at all
+        try:
+            part.mkdir()
+            shutil.copy2(folder / "case.toml", part / "case.toml")
+            if (folder / ".terrapin").is_dir():
+                copy_folder(folder / ".terrapin", part / ".terrapin")
+            os.replace(part, self._folder / f"{job.id}.before")  # there whole or not at all
+        finally:
+            shutil.rmtree(part, ignore_errors=True)
 
     def _written(self, job: Job) -> Path:
         """Where its commands note what they gave the case."""
@@ -310,12 +318,12 @@ class Jobs:
             own = written.read_text(encoding="ascii") if written.is_file() else ""
             try:
                 alone = put_back(folder / "case.toml", (before / "case.toml").read_bytes(), own)
+                if alone and (before / ".terrapin").is_dir():
+                    _move_files(before / ".terrapin", folder / ".terrapin")
+                elif alone:  # else what somebody else did meanwhile stays, and what is kept of it
+                    shutil.rmtree(folder / ".terrapin", ignore_errors=True)
             except (UserError, OSError) as problem:
-                alone, job.error = False, f"{job.error or job.state}; not put back: {problem}"
-            if alone and (before / ".terrapin").is_dir():
-                shutil.copytree(before / ".terrapin", folder / ".terrapin", dirs_exist_ok=True)
-            elif alone:  # else what somebody else did meanwhile stays, and what is kept of it
-                shutil.rmtree(folder / ".terrapin", ignore_errors=True)
+                job.error = f"{job.error or job.state}; not put back: {problem}"
         shutil.rmtree(before, ignore_errors=True)
 
     def _forget(self) -> None:
@@ -346,7 +354,7 @@ class Jobs:
             if job.state not in ENDED:
                 job.state, job.error, job.result = "failed", INTERRUPTED, None
                 self._put_back(job)
-                self._save(job)
+                self._keep_ended(job)
         for path in [*self._folder.glob("*.out"), *self._folder.glob("*.before"), *self._folder.glob("*.part")]:
             shutil.rmtree(path, ignore_errors=True) if path.is_dir() else path.unlink(missing_ok=True)
 
@@ -355,6 +363,15 @@ def for_a_shell(step: list[str]) -> str:
     """A command line to copy: without `--json -`, it answers in words."""
     robot = robot_words() if step[0] in ("run", "batch") and "--cluster" not in step else []
     return shlex.join(["terrapin", *(step[:-2] if step[-2:] == ["--json", "-"] else step), *robot])
+
+
+def _move_files(folder: Path, to: Path) -> None:
+    """Each file in one step, which takes no room: on a full disk none is cut."""
+    for path in sorted(folder.rglob("*")):
+        if path.is_file():
+            target = to / path.relative_to(folder)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            shutil.move(path, target)
 
 
 def _read_result(place: Path) -> Any:

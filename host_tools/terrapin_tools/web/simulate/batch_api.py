@@ -70,7 +70,7 @@ async def start(context: Terrapin, body: Batch) -> BatchStarted:
     name, step = await asyncio.to_thread(_prepare, context.workspace.folder("batches"), shipped, body)
     try:
         job = context.jobs.add("batch", None, [step])
-    except UserError:
+    except (UserError, OSError):
         (context.workspace.folder("batches") / f"{name}.toml").unlink(missing_ok=True)
         raise
     return BatchStarted(id=job.id, batch=name, command=job.command)
@@ -92,12 +92,15 @@ def _prepare(folder: FilePath, shipped: FilePath, body: Batch) -> tuple[str, lis
     name = f"{shipped.stem[:56]}-{number}"
     source = shipped.read_text(encoding="utf-8")
     file = folder / f"{name}.toml"
-    file.write_text(changed_scenario(source, body), encoding="utf-8")
     try:
+        file.write_text(changed_scenario(source, body), encoding="utf-8")
         load_scenario(file)
     except UserError as error:
         file.unlink()
         raise UserError(str(error).replace(f"{folder}/", "")) from None
+    except OSError:
+        file.unlink(missing_ok=True)
+        raise
     vary = [word for text in body.vary for word in ("--vary", text)]
     until = ["--until", "FAIL"] if body.until_failed else []
     return name, ["batch", str(file), "--seeds", body.seeds, *vary, *until, "--out", str(folder / name), "--json"]
@@ -148,7 +151,7 @@ async def again(context: Terrapin, name: Name, number: Annotated[int, Path(ge=0,
     run, step = await asyncio.to_thread(_one, context.workspace.folder("runs"), folder, number)
     try:
         job = context.jobs.add("simulate", None, [step])
-    except UserError:
+    except (UserError, OSError):
         shutil.rmtree(run, ignore_errors=True)
         raise
     return Started(id=job.id, run=run.name, command=job.command)

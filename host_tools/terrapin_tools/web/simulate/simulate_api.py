@@ -223,7 +223,7 @@ async def simulate(context: Terrapin, body: Simulate) -> Started:
     name, step = await asyncio.to_thread(_prepare, context.workspace.folder("runs"), body)
     try:
         job = context.jobs.add("simulate", None, [step])
-    except UserError:
+    except (UserError, OSError):
         shutil.rmtree(context.workspace.folder("runs") / name, ignore_errors=True)
         raise
     return Started(id=job.id, run=name, command=job.command)
@@ -240,13 +240,16 @@ def _prepare(folder: Path, body: Simulate) -> tuple[str, list[str]]:
     scenario = body.scenario
     if tomllib.loads(text) != tomllib.loads(source):
         file = run / f"{body.scenario}.toml"
-        file.write_text(text, encoding="utf-8")
         scenario = str(file)
         try:
+            file.write_text(text, encoding="utf-8")
             load_scenario(file)
         except ReadingError as error:
             shutil.rmtree(run)
             raise UserError(str(error).replace(f"{run}/", "")) from None
+        except OSError:
+            shutil.rmtree(run)
+            raise
     seed = ["--seed", str(body.seed)] if body.seed is not None else []
     link = ["--link", body.link] if body.link != "inprocess" else []
     return run.name, ["run", scenario, *link, *seed, "--out", str(run), "--json"]
@@ -324,7 +327,7 @@ async def case(context: Terrapin, name: Name, body: KeepCase) -> Started:
 
     try:
         job = context.jobs.add("case", None, steps, done=context.events.cases, fresh=target)
-    except UserError:
+    except (UserError, OSError):
         if not body.others:
             shutil.rmtree(folders[-1], ignore_errors=True)
         raise

@@ -12,6 +12,7 @@ import json
 import math
 import sys
 import tomllib
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -123,12 +124,13 @@ def rewrite(folder: Path, seen: str, text: str) -> None:
     """Gives a case another case.toml, made from `seen`, and keeps the one of before. UserError as `write_changed`."""
     before, lost = (folder / "case.toml").read_bytes(), ""
     try:
-        for path in _versions(folder, "redo"):
-            _drop(path)
         _push(folder, "undo", before)
     except OSError as error:
         lost = error.strerror or str(error)
     write_changed(folder / "case.toml", seen, text)
+    with suppress(OSError):
+        for path in _versions(folder, "redo"):  # only now: a change that was refused takes no step away
+            _drop(path)
     if lost:  # said of a step that was done
         print(f"terrapin: {folder / FOLDER}: {lost}; this step cannot be undone", file=sys.stderr)
 
@@ -169,11 +171,11 @@ def _push(folder: Path, way: str, text: bytes) -> None:
     place = folder / FOLDER / VERSIONS
     place.mkdir(parents=True, exist_ok=True)
     there = _versions(folder, way)
-    for path in there[: 1 - VERSIONS_LIMIT]:
-        _drop(path)
     number = int(there[-1].stem.removeprefix(f"{way}-")) + 1 if there else 1
     write_whole(place / f"{way}-{number:09d}.jsonl", b"".join(line + b"\n" for line in _lines(folder)))
     write_whole(place / f"{way}-{number:09d}.toml", text)
+    for path in there[: 1 - VERSIONS_LIMIT]:
+        _drop(path)
 
 
 def _drop(path: Path) -> None:

@@ -17,7 +17,16 @@ from pathlib import Path
 from terrapin_hil import paths
 from terrapin_tools.errors import UserError
 
-__all__ = ["WRITTEN", "copy_example", "put_back", "whole_folder", "write_changed", "write_new", "write_whole"]
+__all__ = [
+    "WRITTEN",
+    "copy_example",
+    "copy_folder",
+    "put_back",
+    "whole_folder",
+    "write_changed",
+    "write_new",
+    "write_whole",
+]
 
 WRITTEN = "TERRAPIN_WRITTEN"  # environment: a file that is to hold the SHA-256 of what write_changed last wrote
 LOCK_SECONDS = 5.0  # the lock is held for one look and one write
@@ -154,4 +163,24 @@ def copy_example(name: str, to: Path) -> None:
     if name not in known:
         raise UserError(f"example: found {name!r}, expected one of {', '.join(known)}")
     with whole_folder(to) as scratch:
-        shutil.copytree(known[name], scratch, dirs_exist_ok=True, ignore=shutil.ignore_patterns(".terrapin"))
+        copy_folder(known[name], scratch, without=".terrapin")
+
+
+def copy_folder(folder: Path, to: Path, without: str = "") -> None:
+    """Copy all in a folder but what is called `without`. OSError of the first file that cannot be written."""
+    failed = list[OSError]()
+
+    def copied(source: str, target: str) -> None:
+        try:
+            shutil.copy2(source, target)
+        except OSError as error:
+            failed.append(error)
+            raise
+
+    try:
+        shutil.copytree(folder, to, dirs_exist_ok=True, ignore=shutil.ignore_patterns(without), copy_function=copied)
+    except shutil.Error:  # whose text is a list of all of them
+        if not failed:
+            raise
+        first = failed[0]
+        raise type(first)(first.errno, first.strerror, first.filename2 or first.filename) from None

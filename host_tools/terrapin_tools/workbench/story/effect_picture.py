@@ -14,6 +14,7 @@ import numpy.typing as npt
 from terrapin_hil.physics.effects import Effect, Parameter
 from terrapin_hil.physics.expression import parse
 from terrapin_tools.workbench.bases import ROLES, formula_name
+from terrapin_tools.workbench.files.writing import write_whole
 from terrapin_tools.workbench.formulas.free_curves import Curve
 
 __all__ = ["Shape", "as_svg", "as_text", "draw", "shape_of", "unnamed"]
@@ -171,7 +172,7 @@ def draw(effect: Effect, shape: Shape, target: Path) -> None:
         axes.margins(x=0.0)
         picture = io.BytesIO()
         figure.savefig(picture, format=kind, dpi=150, metadata={"Date": None} if kind == "svg" else None)
-    target.write_bytes(picture.getvalue())
+    write_whole(target, picture.getvalue())
 
 
 def held_text(shape: Shape) -> str:
