@@ -255,12 +255,12 @@ def test_a_stated_sd_that_is_too_small_hides_no_effect(tmp_path: Path) -> None:
 def test_offsets_of_runs_that_are_mounted_anew_are_no_effect(tmp_path: Path, times: float) -> None:
     """Of many sd of a row: all such sets raised an alarm, and some were one odd run at 0.99."""
     alarms = 0
-    for seed in range(8):
+    for seed in range(4):
         case = load_case(rolling(tmp_path / str(seed), 100 + seed, runs=14))
         offsets = times * np.std(analyse(case).residual) * np.random.default_rng(seed).standard_normal(14)
         found = analyse(replace(case, channels={"current": case.channels["current"] + offsets[case.run]}))
         alarms += found.missing
-    assert alarms <= 2
+    assert alarms <= 1
 
 
 def test_a_factor_from_run_to_run_is_no_effect(tmp_path: Path) -> None:
