@@ -89,7 +89,8 @@ def _another(found: Findings | None, verdict: str) -> Findings:
         settings = ({"load": 12.3456, "speed": 0.25}, {"load": 31.0, "speed": -0.75})
         plan = Experiment(("load", "speed"), settings, {"temperature": 1e-9}, ("motor_heating", "x"), 2, 0.004, reason)
         rivals = (("motor_heating",), ("viscous_friction", "current_offset"))
-        return replace(found, verdict=verdict, probability=0.4321, rivals=rivals, plan=plan)
+        column = ("load", 0.9876)
+        return replace(found, verdict=verdict, probability=0.4321, rivals=rivals, plan=plan, column=column)
     if verdict == "partial":
         part = Part(0.97, 1.7, Place("load", 12.3, 14.5, "current", -1.5))
         return replace(found, verdict=verdict, probability=0.6543, part=part)

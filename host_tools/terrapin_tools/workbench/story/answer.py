@@ -77,6 +77,7 @@ def _of_discover(found: Findings) -> dict[str, Any]:
         "part": found.missing if found.part else (),
         "rest": found.part and _rest(found.part),
         "formulas": found.formulas,
+        "column": found.column and dict(zip(("name", "probability"), found.column, strict=True)),
         "front": [vars(one) for one in found.front],
         "weighed": [vars(one) for one in found.weighed],
         "next_experiment": found.plan and vars(found.plan),
@@ -161,6 +162,7 @@ def read(kept: Mapping[str, Any]) -> Findings:
         then={name: float(error) for name, error in kept.get("then", {}).items()},
         noise=_noise(kept),
         formulas=dict(kept["formulas"]),
+        column=(kept["column"]["name"], float(kept["column"]["probability"])) if kept.get("column") else None,
         part=_kept_part(kept["rest"]),
         weighed=tuple(
             Weight(
