@@ -10,6 +10,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,7 @@ from terrapin_tools.batch.summary import classes, summarise
 from terrapin_tools.batch.table import Table
 from terrapin_tools.commands.batch import batch
 from terrapin_tools.errors import UserError
+from terrapin_tools.workbench.fleet.pool import IDLE
 from tests.waiting import BOUND, wait_for
 
 TERRAPIN = [sys.executable, "-c", "from terrapin_tools.cli import main; main()"]
@@ -133,8 +135,6 @@ def test_kill_9_loses_at_most_one_run_a_worker(tmp_path: Path, scenario: Path) -
 
     files = wait_for(begun)
     os.killpg(running.pid, signal.SIGKILL)
-    for file in files:  # a worker in a group of its own goes on
-        with_suppress_kill(int(file.name.partition("-")[0]))
     running.communicate()
     lines = [line for file in files for line in file.read_bytes().splitlines(keepends=True)]
     assert sum(not line.endswith(b"\n") for line in lines) <= 2
@@ -149,11 +149,32 @@ def test_kill_9_loses_at_most_one_run_a_worker(tmp_path: Path, scenario: Path) -
     assert contents(out) == contents(whole)
 
 
-def with_suppress_kill(process: int) -> None:
-    try:
-        os.kill(process, signal.SIGKILL)
-    except ProcessLookupError:
-        return
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere the workers end when they find no more work")
+def test_workers_end_with_a_parent_that_is_killed(tmp_path: Path, scenario: Path) -> None:
+    """Alone, not with its group: nobody is left to end them."""
+    out = tmp_path / "batch"
+    running = started(str(scenario), "--seeds", "1:2000", "--out", out, "--jobs", "2")
+    files = wait_for(lambda: files if len(files := list((out / "runs").glob("*.jsonl"))) == 2 else [])
+    running.kill()
+    running.wait()
+    killed = time.monotonic()
+    wait_for(lambda: not any(Path("/proc", file.name.partition("-")[0]).exists() for file in files))
+    assert time.monotonic() - killed < IDLE  # sooner than they end by themselves
+    running.communicate()
+
+
+def test_a_line_that_is_damaged_is_done_again(tmp_path: Path) -> None:
+    first, again = tmp_path / "first", tmp_path / "again"
+    for folder in (first, again):
+        (folder / "runs").mkdir(parents=True)
+    plan, rows = Plan("climb.toml", SCENARIO), [Row(i, i) for i in range(3)]
+    whole = filling.fill(plan, rows, first, 1.0)
+    (file,) = (first / "runs").glob("*.jsonl")
+    lines = file.read_bytes().splitlines(keepends=True)
+    damaged = [lines[0], b"\0" * 40 + lines[1][40:], b"[1]\n", lines[2]]
+    (again / "runs" / "1-2.jsonl").write_bytes(b"".join(damaged))
+    assert set(journal.read_journals(again)) == {0, 2}
+    assert [answer.output for answer in filling.fill(plan, rows, again, 1.0)] == [answer.output for answer in whole]
 
 
 def test_each_run_is_written_before_the_next_begins(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,7 @@
 """The folder of a batch while it fills: a file of JSON lines for each process that works, one line a run.
 
 A line is written with one call as soon as its run is done, so whatever kills a process costs it the run in work and no
-other. The end of a file that was cut off is left out when it is read; its run is done again.
+other. What was cut off or damaged is left out when it is read; its run is done again.
 """
 
 from __future__ import annotations
@@ -69,10 +69,18 @@ def read_journals(folder: Path) -> dict[int, dict[str, Any]]:
     found: dict[int, dict[str, Any]] = {}
     for path in sorted((folder / RUNS).glob("*.jsonl")):
         for line in path.read_bytes().splitlines(keepends=True):
-            if line.endswith(b"\n"):
-                entry = json.loads(line)
+            if line.endswith(b"\n") and (entry := _entry(line)) is not None:
                 found[entry["number"]] = entry
     return found
+
+
+def _entry(line: bytes) -> dict[str, Any] | None:
+    """A line as it was written: its beginning and its end are there, and it is JSON; None for any other."""
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
+        return None
+    return entry if isinstance(entry, dict) and {"number", "passed"} <= entry.keys() else None
 
 
 @contextmanager

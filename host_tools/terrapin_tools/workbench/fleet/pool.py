@@ -8,8 +8,10 @@ Linear algebra in the processes runs on one thread. Whoever submits keeps no mor
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -27,7 +29,8 @@ from terrapin_tools.interrupts import later
 __all__ = ["POLL", "Done", "Future", "Lost", "Pool", "fingerprint", "pool"]
 
 POLL = 0.005  # s between looks at what is done
-IDLE = 60.0  # s after which a worker without work ends, so that none outlives a killed parent for long
+IDLE = 60.0  # s after which a worker without work ends: elsewhere than on Linux it outlives a killed parent for so long
+PR_SET_PDEATHSIG = 1  # linux/prctl.h
 # A thread that ends with the program has given a lock back and not yet told who keeps count: no news.
 TRACKED = "ignore:resource_tracker"
 CONNECT = 10.0  # s for a cluster to answer
@@ -116,8 +119,12 @@ class _Local:
             return self.future.result()
 
 
-def _start_worker() -> None:
+def _start_worker(parent: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent ends its workers
+    if sys.platform == "linux":  # one that is killed cannot
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:
+            os.kill(os.getpid(), signal.SIGKILL)
 
 
 @contextmanager
@@ -214,7 +221,9 @@ def _executor(jobs: int) -> Any:
     from joblib.externals.loky import ProcessPoolExecutor
 
     _keep_count()
-    return ProcessPoolExecutor(jobs, timeout=IDLE, initializer=_start_worker, env={"OPENBLAS_NUM_THREADS": "1"})
+    return ProcessPoolExecutor(
+        jobs, timeout=IDLE, initializer=_start_worker, initargs=(os.getpid(),), env={"OPENBLAS_NUM_THREADS": "1"}
+    )
 
 
 @contextmanager
