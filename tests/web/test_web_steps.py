@@ -91,6 +91,27 @@ def test_a_change_that_is_refused_takes_no_step_away(case: Path, monkeypatch: py
     assert history.steps(case) == before == {"undo": 1, "redo": 1}
 
 
+@pytest.mark.parametrize("damaged", [b"", b"[model\n", b"\xff\xfe[\0"], ids=["empty", "no TOML", "no text"])
+def test_a_case_that_an_editor_damaged_can_be_stepped_back(case: Path, damaged: bytes) -> None:
+    from terrapin_tools.commands.case import redo, undo
+
+    text = load_case(case).text
+    history.rewrite(case, text, text + "# 1\r\n")
+    (case / "case.toml").write_bytes(damaged)
+    undo(case)
+    assert load_case(case).text == text
+    redo(case)  # what the editor left is not lost either
+    assert raw(case) == damaged
+
+
+def test_a_change_of_what_an_editor_damaged_meanwhile_is_refused(case: Path) -> None:
+    text = load_case(case).text
+    (case / "case.toml").write_bytes(b"\xff\xfe[\0")
+    with pytest.raises(UserError, match="changed since it was read"):
+        history.rewrite(case, text, text + "# 1\r\n")
+    assert raw(case) == b"\xff\xfe[\0"
+
+
 def test_a_step_that_finds_no_room_costs_no_older_one(case: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(history, "VERSIONS_LIMIT", 2)
     for number in (1, 2):

@@ -303,7 +303,8 @@ def _step(case: Path, way: str, json: str) -> None:
     from terrapin_tools.workbench.case import history
     from terrapin_tools.workbench.case.case import load_case
 
-    load_case(case)  # one line where there is none
+    if not (case / "case.toml").is_file():
+        load_case(case)  # one line where there is none; one that is damaged is what to step back from
     history.step(case, way)
     left = history.steps(case)
     words = f"{case / 'case.toml'}: {way} done; {left['undo']} more to undo, {left['redo']} to redo"

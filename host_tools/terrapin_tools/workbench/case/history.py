@@ -157,7 +157,7 @@ def step(folder: Path, way: str) -> None:
     past = found[-1].with_suffix(".jsonl")
     lines = past.read_bytes() if past.is_file() else b""
     _push(folder, "redo" if way == "undo" else "undo", now)
-    write_changed(folder / "case.toml", now.decode("utf-8-sig"), text)
+    write_changed(folder / "case.toml", now, text)
     write_whole(folder / FOLDER / HISTORY, lines)
     _drop(found[-1])
 

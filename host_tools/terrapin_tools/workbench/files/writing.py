@@ -91,14 +91,15 @@ def _take(name: str, path: Path) -> None:
         os.unlink(name)
 
 
-def write_changed(path: Path, seen: str, text: str | bytes) -> None:
-    """Replace a file by a text that was made from `seen`, its text when it was read.
+def write_changed(path: Path, seen: str | bytes, text: str | bytes) -> None:
+    """Replace a file by a text that was made from `seen`, its text or its bytes when it was read.
 
     UserError when it holds something else by now: nobody's change is lost. Commands wait for each other (LOCK_SECONDS
     at most) between look and write; an editor, which does not, has that moment alone.
     """
     with _alone(path):
-        if path.read_bytes().decode("utf-8-sig") != seen:
+        present = path.read_bytes()
+        if (present if isinstance(seen, bytes) else present.decode("utf-8-sig", errors="replace")) != seen:
             raise UserError(f"{path}: changed since it was read, nothing was written; expected one change at a time")
         data = text.encode() if isinstance(text, str) else text
         if note := os.environ.get(WRITTEN):
