@@ -21,6 +21,7 @@ from terrapin_interface.robot import identity_of
 from terrapin_tools import Log
 from terrapin_tools.errors import UserError
 from terrapin_tools.logs.decoding import description_of
+from terrapin_tools.logs.frames import Frames
 from terrapin_tools.logs.reading import read_log
 from terrapin_tools.logs.writing import LogWriter
 from tests.command import terrapin
@@ -226,6 +227,28 @@ def test_full_disk(run: Path, tmp_path: Path) -> None:
     (tmp_path / "x.log").symlink_to("/dev/full")
     with pytest.raises(UserError, match="No space left"), LogWriter(tmp_path / "x.log") as writer:
         writer.write(read_log(run)[0])
+
+
+def test_a_bus_is_not_called_empty_because_the_disk_is_full(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import terrapin_tools.logs.bus
+
+    class Busy:
+        lost = damaged = 0
+
+        def receive(self, seconds: float) -> Frames:
+            return read_log(run)[0]
+
+        def shutdown(self) -> None: ...
+
+    def full(writer: LogWriter) -> None:
+        raise UserError("x.log: cannot write the log: No space left on device", status=1)
+
+    monkeypatch.setattr(terrapin_tools.logs.bus, "open_bus", lambda *_: Busy())
+    monkeypatch.setattr(LogWriter, "flush", full)
+    done = terrapin("log", "record", tmp_path / "x.log", "--link", "can:virtual:busy", status=1)
+    assert done.stderr == "terrapin: x.log: cannot write the log: No space left on device\n"
 
 
 def test_an_empty_bus_is_called_one(tmp_path: Path) -> None:

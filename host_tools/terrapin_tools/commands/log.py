@@ -205,7 +205,7 @@ def record(
     if robot and dbc is None:
         dbc = _dbc_beside(to)
     bus = open_bus(link, bitrate)
-    frames = 0
+    came = frames = 0
     begin = time.monotonic()
     shown = sys.stderr.isatty()
     try:
@@ -213,6 +213,7 @@ def record(
             try:
                 while not duration or time.monotonic() - begin < duration:
                     block = bus.receive(FLUSH if not duration else min(FLUSH, duration))
+                    came += len(block)
                     writer.write(block)
                     writer.flush()
                     frames += len(block)
@@ -228,7 +229,7 @@ def record(
             print(file=sys.stderr)
         if to.exists():
             print(f"{frames} frames in {to}")
-        if not frames:
+        if not came:
             print(f"{link}: nothing received: {EMPTY_BUS}", file=sys.stderr)
         if lost:
             print(f"{to}: {lost} frames lost before they could be read: this machine was too busy", file=sys.stderr)
