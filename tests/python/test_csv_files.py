@@ -262,6 +262,15 @@ def test_a_column_cannot_be_two_things(tmp_path: Path, capsys: pytest.CaptureFix
     one_line(err, ["case.toml:25", "data.columns.load.column", "omega", "rpm"])
 
 
+def test_a_quote_that_does_not_end_is_found_by_its_line(tmp_path: Path) -> None:
+    """It takes all rows below it for one cell."""
+    rows = [f"{n},{n}.5,x" for n in range(30_000)]
+    rows[998] = '998,"998.5,x'
+    (tmp_path / "x.csv").write_text("\n".join(["a [s],b [m],c", *rows, ""]))
+    with pytest.raises(UserError, match=r"x\.csv:1000: field larger .*\(a quote that does not end\?\)"):
+        read(tmp_path / "x.csv")
+
+
 def test_half_a_million_rows(tmp_path: Path) -> None:
     """250 MB here; the bound leaves room for other versions. How long it takes: tests/bench/bench_analysis.py."""
     folder = rolling(tmp_path, 1, runs=10, rows=10)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def _read_any(path: Path, layout: Layout) -> dict[str, list[str]]:
         for _ in range(first - 1):
             file.readline()
         reader = csv.reader(file, delimiter=layout.delimiter)
-        for row in reader:
+        for row in _whole(reader, path, first):
             if not row:
                 continue
             line = reader.line_num + first - 1
@@ -88,6 +88,17 @@ def _read_any(path: Path, layout: Layout) -> dict[str, list[str]]:
                     f"{path.name}:{line}: found an empty or broken line before this one, expected a row on each line"
                 )
     return {name: [row[i] for row in rows] for i, name in enumerate(names)}
+
+
+def _whole(reader: Any, path: Path, first: int) -> Iterator[list[str]]:
+    """The rows of a csv.reader. UserError with the line on which one begins that it cannot take."""
+    begun = first
+    try:
+        for row in reader:
+            yield row
+            begun = first + reader.line_num
+    except csv.Error as error:
+        raise UserError(f"{path.name}:{begun}: {error}, expected a CSV file (a quote that does not end?)") from None
 
 
 def _read_large(path: Path, layout: Layout, asked: Asked, texts: Collection[str]) -> Found | None:
