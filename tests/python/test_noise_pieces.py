@@ -153,7 +153,7 @@ def test_kinds_of_noise_lie_near_enough_to_each_other() -> None:
         beside = {
             one.offset for one in ALIKE if replace(one, offset=0.0, prior=0.0) == replace(node, offset=0.0, prior=0.0)
         }
-        assert not plain or beside == ({0.0, 1.0} if node.rho > 0.9 else {0.0, 0.25, 0.5, 1.0, 2.0})
+        assert not plain or beside == ({0.0, 1.0} if node.rho > 0.9 else {0.0, 0.25, 0.5, 1.0, 2.0, 6.0, 20.0})
     assert max(ALIKE, key=lambda node: node.prior) == ALIKE[0] == replace(WHITE, prior=ALIKE[0].prior)
     unlike = NODES[len(ALIKE) : considered(2)]
     assert all(node.prior < 0.02 for node in unlike)

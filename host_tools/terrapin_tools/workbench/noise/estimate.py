@@ -66,8 +66,9 @@ class Noise:
 
     @property
     def kinds(self) -> list[int]:
-        """Kinds of noise that are weighed, places in NODES: of unlike channels those that are not FAINT."""
-        return [i for i, weight in enumerate(self.weights) if NODES[i].rest is None or weight > FAINT]
+        """Kinds of noise that are weighed, places in NODES: those that runs can show, of unlike channels those that are
+        not FAINT."""
+        return [i for i, weight in enumerate(self.weights) if weight > (0.0 if NODES[i].rest is None else FAINT)]
 
     @property
     def behind(self) -> float:
@@ -184,7 +185,7 @@ def _estimate(
     known = np.array([g is not None for g in given], dtype=bool)
     odd = standing_alone(runs, list(residual), bases, given)
     found = Noise(sigma, known, node, "noise sd as given", np.where(known, np.inf, free), None, odd)
-    weights = np.exp(0.5 * (criterion.min() - criterion))
+    weights = np.where(np.isfinite(criterion), np.exp(np.maximum(0.5 * (criterion.min() - criterion), -600.0)), 0.0)
     found = replace(found, ratio=estimated / sigma, ratio_freedom=float(free.min()), weights=weights / weights.sum())
     if known.all():
         return found

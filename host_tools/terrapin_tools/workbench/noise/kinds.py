@@ -13,11 +13,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-__all__ = ["ALIKE", "ALL", "NODES", "PLAIN", "Kind", "Node", "One", "Two", "by_filter", "considered"]
+__all__ = ["ALIKE", "ALL", "ALONE", "NODES", "PLAIN", "Kind", "Node", "One", "Two", "by_filter", "considered"]
 
 GROWN = 0.08  # prior of noise that grows with the reading; chosen by hand
 CHANNELS = 6  # of which each may have another kind of noise than the rest; further ones belong to the rest
 ALL = -1  # channels
+ALONE = 2.0  # sd of a row by which runs may differ that have one row each: more is the noise of a row
 
 One = tuple[float, float, float]  # share, rho and grow of a Node
 

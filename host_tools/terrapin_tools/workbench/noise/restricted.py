@@ -9,7 +9,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array
 from terrapin_tools.workbench.noise.covariance import Runs
-from terrapin_tools.workbench.noise.kinds import NODES, Kind, Node, considered
+from terrapin_tools.workbench.noise.kinds import ALONE, NODES, Kind, Node, considered
 from terrapin_tools.workbench.noise.marginal_likelihood import STATED
 
 __all__ = ["likelihood", "restricted_likelihood"]
@@ -30,7 +30,7 @@ def restricted_likelihood(
 
     Returns
     -------
-    (nodes,) : -2 log likelihood, up to a constant; the prior of each node is in it.
+    (nodes,) : -2 log likelihood, up to a constant; the prior of each node is in it. Infinite where runs cannot show it.
     (nodes, channels) : whitened residual sums of squares, in the unit of the residuals squared.
     """
     nodes = NODES[: considered(len(residuals))]
@@ -51,6 +51,8 @@ def restricted_likelihood(
                 fit = float(likelihood(np.asarray(total), rows.rows - basis.shape[1], sd))
                 squares[places[node], channel] = total
                 criterion[places[node]] += fit + rows.log_determinant(node) + np.linalg.slogdet(inner)[1]
+    if runs[0].rows == runs[0].runs:
+        criterion[[node.offset > ALONE for node in nodes]] = np.inf
     return criterion, squares
 
 
