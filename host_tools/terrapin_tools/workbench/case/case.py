@@ -150,14 +150,14 @@ def parse_case(folder: Path, text: str, held: Mapping[str, Table] | None = None)
     for name, known in base.parameters.items():
         if known.default is not None and name not in fit and name not in parameters:
             parameters[name], parameter_units[name] = known.default, known.unit
-    if base.own_names:
-        _check_own(measured, parameters, fit, formulas, complain)
     measured = _without(measured, {*tables.table("parameters"), *fit})
     units = {**measured.units, **parameter_units, **_fit_units(fit)}
     if dynamics is not None:
         names = {*measured.roles, *measured.extra, *parameters, *fit}
         check_dynamics(dynamics, base, measured, units, names, complain)
         units |= {name: state.unit for name, state in dynamics.states.items() if state.unit}
+    if base.own_names:  # last: a name that is none in a formula explains one that stands in none
+        _check_own(measured, parameters, fit, formulas, complain)
     scales = {**measured.units, **parameter_units}
     _check_celsius({("model", "measured" if dynamics else "equation"): measured.equations}, scales, complain)
     if dynamics is not None:
