@@ -47,11 +47,12 @@ def noise_sd(analysis: Analysis, channel: int, predicted: Array) -> Array:
     rms = float(np.sqrt(np.mean(analysis.prediction[channel] ** 2)))
     reading = (predicted / rms if rms > 0.0 else np.ones(len(predicted))) ** 2
     row = 1.0 - node.grow + node.grow * reading
-    run = node.offset**2 + node.drift**2 + node.walk**2 + node.gain**2 * reading
     both = float(analysis.told.sigma[channel]) ** 2  # where it is not stated: of a row, and between runs
     own = both if stated else both / node.floor**2
     beside = max(float(np.mean(analysis.residual[channel] ** 2)), both) - own if stated else both - own
-    return np.asarray(np.sqrt(own * row + (beside / (node.floor**2 - 1.0) * run if node.floor > 1.0 else 0.0)))
+    return np.asarray(
+        np.sqrt(own * row + (beside / node.between(1.0) * node.between(reading) if node.floor > 1.0 else 0.0))
+    )
 
 
 def predicted(analysis: Analysis, table: Table, units: dict[str, str]) -> Any:

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
+
+from terrapin_hil.arrays import Array
 
 __all__ = ["ALIKE", "ALL", "ALONE", "NODES", "PLAIN", "Kind", "Node", "One", "Two", "by_filter", "considered"]
 
@@ -20,6 +22,7 @@ CHANNELS = 6  # of which each may have another kind of noise than the rest; furt
 ALL = -1  # channels
 ALONE = 2.0  # sd of a row by which runs may differ that have one row each: more is the noise of a row
 
+Numbers = TypeVar("Numbers", float, Array)
 One = tuple[float, float, float]  # share, rho and grow of a Node
 
 
@@ -68,7 +71,11 @@ class Node:
     @property
     def floor(self) -> float:
         """Rms of whole runs that nothing was fitted to, in sd of a row."""
-        return float(np.sqrt(1.0 + self.offset**2 + self.drift**2 + self.walk**2 + self.gain**2))
+        return float(np.sqrt(1.0 + self.between(1.0)))
+
+    def between(self, reading: Numbers) -> Numbers:
+        """Variance from run to run, in that of a row, at a reading squared over its mean square."""
+        return self.offset**2 + self.drift**2 + self.walk**2 + self.gain**2 * reading
 
     @property
     def of_runs(self) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 
 from terrapin_hil.arrays import Array, Index, Mask
 
-__all__ = ["clipped_rows", "stuck_rows"]
+__all__ = ["clipped_rows", "full_ends", "stuck_rows"]
 
 LONG = 8  # rows of one value; chosen by hand
 CLIPPED, OFTENER = 3, 3  # rows at an end of the range, and times any other number's; chosen by hand
@@ -38,14 +38,16 @@ def stuck_rows(values: Array, run: Index) -> Mask:
 
 
 def clipped_rows(values: Array) -> Mask:
-    """Rows (rows,) of one channel at the end of its sensor's range: the largest or least number, exactly and far more
-    often than any other. What saturates by itself has noise and does not repeat."""
-    mask = np.zeros(len(values), dtype=bool)
-    known, place, count = np.unique(values, return_inverse=True, return_counts=True)
-    if len(known) < 3:
-        return mask
-    least = max(CLIPPED, OFTENER * int(count[1:-1].max()))
-    for end in (0, len(known) - 1):
-        if count[end] >= least and known[end] != 0.0:
-            mask |= place == end
+    """Rows (rows,) of one channel that its sensor clips, where they are few: more are no exception."""
+    mask = np.isin(values, full_ends(values))
     return mask if mask.mean() <= MOST else np.zeros_like(mask)
+
+
+def full_ends(values: Array) -> Array:
+    """Ends of the range at which a channel's sensor may clip: the largest or least number, exactly and far more often
+    than any other. What saturates by itself has noise and does not repeat."""
+    known, count = np.unique(values, return_counts=True)
+    if len(known) < 3:
+        return np.zeros(0)
+    ends, least = [0, -1], max(CLIPPED, OFTENER * int(count[1:-1].max()))
+    return np.asarray(known[ends][(count[ends] >= least) & (known[ends] != 0.0)])

@@ -29,7 +29,7 @@ from terrapin_tools.workbench.model.fitting import Fit
 from terrapin_tools.workbench.model.table_faults import Fault
 from terrapin_tools.workbench.model.usual_sizes import usual_size
 from terrapin_tools.workbench.noise.estimate import Noise
-from terrapin_tools.workbench.noise.stuck import CLIPPED, OFTENER, clipped_rows
+from terrapin_tools.workbench.noise.stuck import clipped_rows, full_ends
 from terrapin_tools.workbench.story import sentences
 from terrapin_tools.workbench.story.explain import short_answers
 from terrapin_tools.workbench.story.story import (
@@ -108,16 +108,12 @@ def _ends(case: Case) -> list[str]:
     """Channels that stand at an end of their range in more rows than are left out for it (noise/stuck.py)."""
     found = []
     for name, values in case.channels.items():
-        known, counts = np.unique(values, return_counts=True)
-        if len(known) < 3 or clipped_rows(values).any():
-            continue
-        least = max(CLIPPED, OFTENER * int(counts[1:-1].max()))
-        for end, what in ((0, "least"), (-1, "greatest")):
-            if counts[end] >= least and known[end] != 0.0:
-                found.append(
-                    f"{name} stands at {known[end]:.6g}{behind(case.units[name])}, its {what} number, in {counts[end]} "
-                    f"of {case.rows} rows: if its sensor ends there, leave them out before you believe a term."
-                )
+        for end in full_ends(values) if not clipped_rows(values).any() else ():
+            what, count = "least" if end == values.min() else "greatest", int((values == end).sum())
+            found.append(
+                f"{name} stands at {end:.6g}{behind(case.units[name])}, its {what} number, in {count} of {case.rows} "
+                "rows: if its sensor ends there, leave them out before you believe a term."
+            )
     return found
 
 
